@@ -1,0 +1,93 @@
+"""Everything about Numba in one place: flags, threading layer, disk cache.
+
+Numba's disk cache goes stale when a helper in another module changes, so the cache folder's last
+part is a digest of every kernel source, of this package's Numba version and of the Python version:
+an edited kernel gets a new, empty folder and old code can never run. ``NUMBA_CACHE_DIR`` sets the
+root of that folder; the default is the user's cache folder.
+"""
+
+import hashlib
+import os
+import platform
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+__all__ = ["inline", "kernel", "parallel_kernel", "prange", "threads"]
+
+# NaN is nodata and -inf is "no terrain": the flags that assume neither exists are left out.
+FASTMATH = {"contract", "nsz", "arcp"}
+KEPT_CACHES = 4
+
+
+def _cache_root() -> Path:
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if chosen:
+        return Path(chosen)
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "adret" / "numba"
+
+
+def source_digest() -> str:
+    """Digest of all kernel sources and of the versions that compile them (16 hex digits)."""
+    digest = hashlib.sha256(f"{numba.__version__} {platform.python_version()}".encode())
+    folder = Path(__file__).parent
+    for source in sorted(folder.rglob("*.py")):
+        digest.update(source.relative_to(folder).as_posix().encode() + b"\0")
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _use_cache_folder() -> None:
+    folder = _cache_root() / source_digest()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        others = sorted(
+            (p for p in folder.parent.iterdir() if p.is_dir() and len(p.name) == 16),
+            key=lambda p: p.stat().st_mtime,
+            reverse=True,
+        )
+        for old in others[KEPT_CACHES:]:
+            shutil.rmtree(old, ignore_errors=True)
+    except OSError:
+        return  # no writable cache folder: Numba falls back to its own, or compiles each time
+    numba.config.CACHE_DIR = str(folder)
+
+
+_use_cache_folder()
+# The workqueue layer aborts the process when two threads enter a parallel kernel.
+numba.config.THREADING_LAYER_PRIORITY = ["tbb", "omp", "workqueue"]
+
+prange = numba.prange
+
+
+def kernel(function: Callable[..., None]) -> Any:
+    """Compile a serial kernel: cached on disk, releases the GIL."""
+    return numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")(function)
+
+
+def parallel_kernel(function: Callable[..., None]) -> Any:
+    """Compile a kernel whose ``prange`` loops run on all threads."""
+    return numba.njit(
+        cache=True, nogil=True, parallel=True, fastmath=FASTMATH, error_model="numpy"
+    )(function)
+
+
+def inline(function: Callable[..., Any]) -> Any:
+    """Compile a small helper into its callers."""
+    return numba.njit(inline="always", fastmath=FASTMATH, error_model="numpy")(function)
+
+
+def threads(count: int | None = None) -> int:
+    """Return the number of threads that kernels use, after setting it when `count` is given."""
+    if count is not None:
+        numba.set_num_threads(count)
+    return int(numba.get_num_threads())

@@ -1,0 +1,1 @@
+"""REST service around the Adret library."""

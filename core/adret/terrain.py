@@ -1,0 +1,398 @@
+"""`Terrain`: heights in metres on a north-up grid, and where on which body they lie."""
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from adret import geodesy, rasters
+from adret.errors import InputError
+from adret.geodesy import Band
+
+if TYPE_CHECKING:
+    import os
+
+    from affine import Affine
+    from pyproj import CRS
+
+__all__ = ["Terrain"]
+
+MAX_HEIGHT = 1e9
+CELL_LIMITS = (1e-6, 1e7)
+_BLOCK = 1 << 22
+
+
+class Terrain:
+    """Heights on a grid of rectangular cells: row 0 is north, column 0 is west.
+
+    Parameters
+    ----------
+    heights : array_like, shape (rows, columns), real
+        Heights; NaN and masked cells are nodata. The array is copied, never changed.
+    cell_size : (float, float), optional
+        Ground width and height (dx, dy) of a cell [m]. May be left out when `crs` and `transform`
+        say it.
+    crs : optional
+        Coordinate reference system: anything that `pyproj.CRS` takes.
+    transform : affine.Affine, optional
+        From (column, row) to CRS coordinates; north-up, without rotation.
+    datum : float, optional
+        Height [m] that is subtracted, in float64, before the heights become float32. Default is
+        the middle of their range, rounded to whole metres: millimetres then survive any offset.
+    vertical_unit : str
+        Unit of the given heights and of nothing else: "m", "ft", "us-ft", "km", "cm", ...
+
+    Attributes
+    ----------
+    heights : ndarray, shape (rows, columns), float32
+        Metres above `datum`; C-contiguous, read-only, NaN at nodata.
+    datum : float
+        Metres to add to `heights`.
+    cell_size : (float, float)
+        Ground width and height of a cell [m].
+    crs : pyproj.CRS or None
+    transform : affine.Affine or None
+
+    Raises
+    ------
+    InputError
+        If heights are not a real two-dimensional array, hold infinity or no data at all, or if
+        a cell size is not a positive number.
+
+    Notes
+    -----
+    On geographic rasters (and cylindrical projections such as Web Mercator) metres a cell are
+    those of the middle latitude, on the CRS's own ellipsoid. `azimuth_error` says what that costs
+    at the northern and southern edge, `latitude_bands` cuts the raster so that it costs less.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> terrain = Terrain(np.array([[1000.25, 1001.5], [np.nan, 1002.75]]), (10.0, 10.0))
+    >>> terrain.datum, terrain.heights[0, 0]
+    (1002.0, np.float32(-1.75))
+    >>> terrain.mask[1, 0]
+    np.True_
+    """
+
+    def __init__(
+        self,
+        heights: ArrayLike,
+        cell_size: tuple[float, float] | None = None,
+        crs: Any = None,
+        transform: "Affine | None" = None,
+        *,
+        datum: float | None = None,
+        vertical_unit: str = "m",
+    ) -> None:
+        values, masked = _checked_array(heights)
+        self._crs = geodesy.parse_crs(crs)
+        self._transform = _checked_transform(transform)
+        if cell_size is None:
+            if self._transform is None:
+                raise InputError("cell_size", "a pair of metres (dx, dy)", None)
+            cell_size = geodesy.cell_size(self._crs, self._transform, values.shape)
+        self._cell_size = _checked_cell_size(cell_size)
+        factor = geodesy.vertical_factor(vertical_unit)
+        self._heights, self._datum = _above_datum(values, masked, factor, datum)
+        self._root_rows = (0, values.shape[0])
+        self._core = (slice(0, values.shape[0]), slice(0, values.shape[1]))
+
+    @classmethod
+    def open(
+        cls,
+        path: "str | os.PathLike[str]",
+        band: int = 1,
+        window: tuple[Any, Any] | None = None,
+        *,
+        datum: float | None = None,
+        vertical_unit: str | None = None,
+        cell_size: tuple[float, float] | None = None,
+    ) -> Self:
+        """Read a GeoTIFF, an Arc/Info ASCII grid or a PNG.
+
+        Parameters
+        ----------
+        path : path-like
+            A file on disk. URLs and GDAL's virtual paths are refused, sidecar files are ignored.
+        band : int
+            Band number, from 1.
+        window : (rows, columns), optional
+            Slices or (start, stop) pairs; rows count from the north.
+        datum : float, optional
+            As for `Terrain`.
+        vertical_unit : str, optional
+            Unit of the stored heights; default is the band's unit, then the vertical axis of the
+            CRS, then metres.
+        cell_size : (float, float), optional
+            Ground size of a cell [m], for files that do not say it.
+
+        Returns
+        -------
+        Terrain
+            Scale and offset of the band applied, nodata and masks as NaN, a south-up file turned
+            so that row 0 is north.
+
+        Raises
+        ------
+        RasterError
+            If the file is missing, no raster, too large, complex, rotated, holds a pole in a
+            geographic system, or lacks what is needed to know its cell size.
+
+        Examples
+        --------
+        >>> terrain = Terrain.open("examples/data/alpine_aletsch_dhm200_lv95_200m.tif")
+        >>> terrain.shape, terrain.crs.to_epsg(), round(terrain.cell_size[0])
+        ((310, 358), 2056, 200)
+        """
+        if cell_size is not None:
+            cell_size = _checked_cell_size(cell_size)
+        grid = rasters.open_heights(
+            path, band, window, vertical_unit=vertical_unit, cell_size=cell_size
+        )
+        return cls(grid.heights, grid.cell_size, grid.crs, grid.transform, datum=datum)
+
+    @property
+    def heights(self) -> NDArray[np.float32]:
+        """Metres above `datum`, shape (rows, columns); read-only, NaN at nodata."""
+        return self._heights
+
+    @property
+    def datum(self) -> float:
+        """Metres to add to `heights`."""
+        return self._datum
+
+    @property
+    def cell_size(self) -> tuple[float, float]:
+        """Ground width and height (dx, dy) of a cell [m]."""
+        return self._cell_size
+
+    @property
+    def crs(self) -> "CRS | None":
+        """Coordinate reference system, or None."""
+        return self._crs
+
+    @property
+    def transform(self) -> "Affine | None":
+        """From (column, row) to CRS coordinates, or None."""
+        return self._transform
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        rows, columns = self._heights.shape
+        return rows, columns
+
+    @property
+    def core(self) -> tuple[slice, slice]:
+        """Rows and columns that were asked for, inside a window with a halo; else everything."""
+        return self._core
+
+    @cached_property
+    def mask(self) -> NDArray[np.bool_]:
+        """True where there is no data, shape (rows, columns); read-only."""
+        mask = np.isnan(self._heights)
+        mask.setflags(write=False)
+        return mask
+
+    def elevations(self) -> NDArray[np.float64]:
+        """Heights plus datum [m], float64, NaN at nodata."""
+        return self._heights.astype(np.float64) + self._datum
+
+    @cached_property
+    def azimuth_error(self) -> float:
+        """Largest azimuth error in the raster [radians] from taking one cell size for all rows.
+
+        Zero for projections whose scale is the same on both axes. It is the error of a direction
+        on the ground at the receiver; a target at a longitude further by dL lies off the geodesic
+        by another sin(latitude) dL / 2 (meridians converge), which no cell size can mend.
+        """
+        grid = self._grid
+        if grid is None:
+            return 0.0
+        return grid.azimuth_error(self._cell_size, 0, self.shape[0])
+
+    def latitude_bands(self, max_azimuth_error: float) -> list[Band]:
+        """Cut the rows so that within each band the azimuth error stays below a limit.
+
+        Parameters
+        ----------
+        max_azimuth_error : float
+            Limit [radians], above 0 and at most 0.5.
+
+        Returns
+        -------
+        list of Band
+            (start, stop, (dx, dy)) covering all rows in order; one band, with the terrain's own
+            cell size, where that is good enough. A window is cut where the whole raster is cut.
+        """
+        if not 0.0 < max_azimuth_error <= 0.5:
+            raise InputError("max_azimuth_error", "above 0 and at most 0.5 rad", max_azimuth_error)
+        rows = self.shape[0]
+        first, total = self._root_rows
+        grid = self._grid
+        if grid is None or (
+            grid.azimuth_error(self._cell_size, -first, total - first) <= max_azimuth_error
+        ):
+            return [Band(0, rows, self._cell_size)]
+        return grid.bands(0, rows, max_azimuth_error)
+
+    @cached_property
+    def _grid(self) -> geodesy.RowWiseGrid | None:
+        return geodesy.row_wise_grid(self._crs, self._transform, self.shape)
+
+    @cached_property
+    def body_radius(self) -> float | None:
+        """Mean radius of the body [m] from the CRS's ellipsoid; None without one."""
+        return geodesy.body_radius(self._crs)
+
+    @cached_property
+    def grid_convergence_deg(self) -> float | None:
+        """Azimuth of grid north at the centre [degrees clockwise from true north].
+
+        Add it to an azimuth from grid north to get one from true north. Zero for geographic
+        rasters; None without a CRS and a transform, and at a pole.
+        """
+        if self._crs is None or self._transform is None:
+            return None
+        return geodesy.grid_convergence(self._crs, self._transform, self.shape)
+
+    def window(self, rows: Any, cols: Any, halo: int = 0) -> "Terrain":
+        """Cut out rows and columns, with up to `halo` cells more on every side.
+
+        Parameters
+        ----------
+        rows, cols : slice or (start, stop)
+            The part asked for.
+        halo : int
+            Cells kept around it where the raster has them.
+
+        Returns
+        -------
+        Terrain
+            Same datum and cell size, shifted transform; `core` says where the part asked for
+            lies in it. Its heights are a copy.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> terrain = Terrain(np.arange(36.0).reshape(6, 6), (1, 1))
+        >>> part = terrain.window((0, 2), (3, 5), halo=1)
+        >>> part.shape, part.core
+        ((3, 4), (slice(0, 2, None), slice(1, 3, None)))
+        """
+        if isinstance(halo, bool) or int(halo) != halo or halo < 0:
+            raise InputError("halo", "a whole number of cells, 0 or more", halo)
+        row = rasters.span("rows", rows, self.shape[0])
+        column = rasters.span("columns", cols, self.shape[1])
+        top, left = max(row[0] - halo, 0), max(column[0] - halo, 0)
+        bottom = min(row[1] + halo, self.shape[0])
+        right = min(column[1] + halo, self.shape[1])
+
+        part = object.__new__(Terrain)
+        part._heights = self._heights[top:bottom, left:right].copy()
+        part._heights.setflags(write=False)
+        part._datum = self._datum
+        part._cell_size = self._cell_size
+        part._crs = self._crs
+        part._transform = (
+            None if self._transform is None else geodesy.shifted(self._transform, left, top)
+        )
+        part._root_rows = (self._root_rows[0] + top, self._root_rows[1])
+        part._core = (
+            slice(row[0] - top, row[1] - top),
+            slice(column[0] - left, column[1] - left),
+        )
+        return part
+
+    def __repr__(self) -> str:
+        """Size, cell size and reference system."""
+        dx, dy = self._cell_size
+        name = "no CRS" if self._crs is None else self._crs.name
+        return f"Terrain({self.shape[0]} x {self.shape[1]}, {dx:g} x {dy:g} m, {name})"
+
+
+def _checked_array(heights: ArrayLike) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+    """The caller's array as it is, and its mask."""
+    mask = np.ma.getmask(heights)
+    values = np.ma.getdata(heights) if isinstance(heights, np.ma.MaskedArray) else heights
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise InputError("heights", "a two-dimensional array", type(heights).__name__) from None
+    if array.dtype.kind not in "iuf":
+        raise InputError("heights", "real numbers", array.dtype.name)
+    if array.ndim != 2:
+        raise InputError("heights", "two-dimensional (rows, columns)", f"shape {array.shape}")
+    if array.size == 0:
+        raise InputError("heights", "at least 1 x 1 cells", f"shape {array.shape}")
+    return array, None if mask is np.ma.nomask else np.asarray(mask)
+
+
+def _checked_cell_size(cell_size: Any) -> tuple[float, float]:
+    try:
+        dx, dy = (float(v) for v in cell_size)
+    except (TypeError, ValueError):
+        raise InputError("cell_size", "a pair of metres (dx, dy)", cell_size) from None
+    low, high = CELL_LIMITS
+    for size in (dx, dy):
+        if not low <= size <= high:
+            raise InputError("cell_size", f"between {low:g} and {high:g} m", size)
+    return dx, dy
+
+
+def _checked_transform(transform: Any) -> "Affine | None":
+    if transform is None:
+        return None
+    from affine import Affine
+
+    try:
+        affine = Affine(*tuple(transform)[:6])
+    except (TypeError, ValueError):
+        raise InputError("transform", "an affine.Affine", transform) from None
+    a, b, _, d, e, _ = affine[:6]
+    if not all(math.isfinite(v) for v in affine[:6]) or not (a > 0.0 > e and b == 0.0 == d):
+        raise InputError("transform", "north-up, without rotation", tuple(affine[:6]))
+    return affine
+
+
+def _above_datum(
+    values: NDArray[Any],
+    masked: NDArray[np.bool_] | None,
+    factor: float,
+    datum: float | None,
+) -> tuple[NDArray[np.float32], float]:
+    """Metres above the datum, and the datum; in blocks of rows to spare memory."""
+    step = max(1, _BLOCK // values.shape[1])
+    blocks = [slice(r, r + step) for r in range(0, values.shape[0], step)]
+
+    def metres(rows: slice) -> NDArray[np.float64]:
+        block = values[rows].astype(np.float64)
+        if masked is not None:
+            block[masked[rows]] = np.nan
+        return np.multiply(block, factor, out=block)
+
+    low, high = math.inf, -math.inf
+    for rows in blocks:
+        block = metres(rows)
+        low = min(low, float(np.fmin.reduce(block, axis=None, initial=math.inf)))
+        high = max(high, float(np.fmax.reduce(block, axis=None, initial=-math.inf)))
+        if (block == math.inf).any():
+            raise InputError("heights", "finite or NaN", math.inf)
+    if math.isinf(low) and low > 0.0:
+        raise InputError("heights", "a number in at least one cell", "all nodata")
+    for value in (low, high):
+        if not abs(value) <= MAX_HEIGHT:
+            limit = f"within +-{MAX_HEIGHT:g} m (is a nodata value undeclared?)"
+            raise InputError("heights", "finite or NaN" if math.isinf(value) else limit, value)
+    if datum is None:
+        datum = float(round(low / 2.0 + high / 2.0))
+    elif not abs(datum) <= MAX_HEIGHT:
+        raise InputError("datum", f"a height within +-{MAX_HEIGHT:g} m", datum)
+    heights = np.empty(values.shape, dtype=np.float32)
+    for rows in blocks:
+        np.subtract(metres(rows), float(datum), out=heights[rows], casting="same_kind")
+    heights.setflags(write=False)
+    return heights, float(datum)

@@ -1,13 +1,11 @@
-"""Height rasters in: one driver chosen by the file's first bytes, limits before decoding.
+"""Raster files in and out: heights read here, results written by `write`, pictures by `preview`.
 
-GDAL's settings for untrusted files live here and nowhere else. Sidecar files are ignored: an
-``.aux.xml`` (GDAL's persistent auxiliary metadata), ``.ovr``, ``.msk`` or world file beside the
-raster is never read.
+A file is opened by the one driver that its first bytes name, after its declared sizes were held
+against limits. Sidecar files (``.aux.xml``, ``.ovr``, ``.msk``, world files) are never read.
 """
 
 import math
 import os
-import stat
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,26 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adret import geodesy
+from adret._gdal import GDAL_OPTIONS, PathLike, sniff_driver
+from adret.cogs import write
 from adret.errors import InputError, RasterError
+from adret.previews import preview
 
 if TYPE_CHECKING:
     from affine import Affine
     from pyproj import CRS
 
-__all__ = ["GDAL_OPTIONS", "HeightGrid", "ReadLimits", "open_heights", "sniff_driver"]
-
-GDAL_OPTIONS: dict[str, Any] = {
-    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
-    "GDAL_PAM_ENABLED": "NO",
-    "USE_RRD": "NO",
-    "GDAL_VRT_ENABLE_PYTHON": "NO",
-    "GDAL_GEOREF_SOURCES": "INTERNAL",
-    "GDAL_TIFF_INTERNAL_MASK": "YES",
-    "CPL_VSIL_CURL_ALLOWED_FILENAME": "/vsicurl/none",
-    "PROJ_NETWORK": "OFF",
-    "GDAL_CACHEMAX": 256,
-}
-"""GDAL's settings for every file that Adret opens or writes."""
+__all__ = ["HeightGrid", "ReadLimits", "open_heights", "preview", "write"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,44 +55,8 @@ class HeightGrid:
     vertical_unit: str
 
 
-def sniff_driver(path: str | os.PathLike[str], field: str = "path") -> tuple[str, str]:
-    """Return the absolute path and the one GDAL driver that the file's first bytes allow.
-
-    Raises
-    ------
-    RasterError
-        If the file is missing, is no regular file, or is neither GeoTIFF, Arc/Info ASCII grid
-        nor PNG (VRT and other texts that make GDAL open further files are refused here).
-    """
-    given = os.fspath(path)
-    if "://" in given or given.startswith("/vsi") or "\0" in given:
-        raise RasterError(field, "a plain file path (no URL, no /vsi path)", given)
-    absolute = os.path.abspath(given)
-    if absolute.startswith("/vsi"):
-        raise RasterError(field, "a plain file path (no URL, no /vsi path)", given)
-    try:
-        status = os.stat(absolute)
-        if not stat.S_ISREG(status.st_mode):
-            raise RasterError(field, "a regular file", given)
-        if status.st_size == 0:
-            raise RasterError(field, "a raster file that is not empty", given)
-        with open(absolute, "rb") as file:
-            head = file.read(512)
-    except FileNotFoundError:
-        raise RasterError(field, "an existing file", given) from None
-    except OSError as error:
-        raise RasterError(field, f"a readable file ({error.strerror})", given) from None
-    if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-        return absolute, "GTiff"
-    if head.startswith(b"\x89PNG\r\n\x1a\n"):
-        return absolute, "PNG"
-    if head.lstrip()[:5].lower() in (b"ncols", b"nrows"):
-        return absolute, "AAIGrid"
-    raise RasterError(field, "a GeoTIFF, an Arc/Info ASCII grid or a PNG", given)
-
-
 def open_heights(
-    path: str | os.PathLike[str],
+    path: PathLike,
     band: int = 1,
     window: tuple[Any, Any] | None = None,
     *,

@@ -3,16 +3,18 @@
 The same input gives the same bytes: nothing in the file hangs on the time or on the threads.
 """
 
+import errno
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from shutil import disk_usage
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from adret._gdal import GDAL_OPTIONS, PathLike, atomic, check_output
-from adret.errors import InputError, RasterError
+from adret.errors import InputError
 
 if TYPE_CHECKING:
     from adret.terrain import Terrain
@@ -22,6 +24,7 @@ __all__ = ["write"]
 BLOCK = 512
 # Layers beyond this many bytes pass through a file beside the output instead of memory.
 IN_MEMORY = 1 << 30
+LITTLE_ROOM = 1 << 24
 
 Layers = NDArray[Any] | Iterable[tuple[int, NDArray[Any]]]
 Progress = Callable[[int, int], None]
@@ -83,6 +86,8 @@ def write(
         If the place cannot be written.
     InputError
         If layers do not fit the names or the terrain.
+    OSError
+        If the disk is full or fails; nothing stays behind.
 
     Examples
     --------
@@ -140,10 +145,12 @@ def write(
                 else:
                     shutil.copy(dataset, str(unfinished), **creation)
             _check_whole(unfinished, terrain.shape, len(names))
-    except (RasterioError, CPLE_BaseError, OSError) as error:
-        reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-        limit = f"in a place where it can be written ({reason})"
-        raise RasterError("out", limit, str(path)) from error
+    except (RasterioError, CPLE_BaseError) as error:
+        if isinstance(error, OSError) and error.errno:
+            raise
+        full = disk_usage(target.parent).free < LITTLE_ROOM
+        code = errno.ENOSPC if full else errno.EIO
+        raise OSError(code, " ".join(str(error).split()), str(path)) from error
 
 
 def _copy_by_memory(dataset: Any, path: Path, creation: dict[str, Any]) -> None:

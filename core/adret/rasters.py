@@ -22,7 +22,15 @@ if TYPE_CHECKING:
     from affine import Affine
     from pyproj import CRS
 
-__all__ = ["HeightGrid", "ReadLimits", "open_heights", "preview", "write"]
+__all__ = [
+    "GDAL_OPTIONS",
+    "HeightGrid",
+    "ReadLimits",
+    "open_heights",
+    "preview",
+    "sniff_driver",
+    "write",
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

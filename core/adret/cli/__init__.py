@@ -1,0 +1,136 @@
+"""The `adret` command.
+
+Nothing heavy is imported before a command runs. Wrong input ends with one line on standard error
+that names field, limit and value, exit code 2, and no file.
+"""
+
+import logging
+import signal
+import sys
+from collections.abc import Sequence
+from importlib import import_module, metadata
+from types import FrameType
+from typing import Any
+
+from adret.errors import AdretError, Cancelled, InputError
+
+__all__ = ["main"]
+
+COMMANDS = ("info", "horizon", "sky", "openness", "shadow", "light")
+# Commands that other packages bring, and the extra that installs them.
+EXTRAS = {"serve": "service", "worker": "service", "submit": "service"}
+GROUP = "adret.commands"
+
+HELP = """How light falls on a height field: horizons, sky view, shadows and light from elevation
+models.
+
+Examples:
+
+\b
+  adret info dem.tif
+  adret horizon dem.tif horizon.tif --directions 64
+  adret light dem.tif lit.tif --sun 315,35 --sky uniform --preview lit.png
+
+Directions are degrees clockwise from grid north. `adret COMMAND --help` shows all options.
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return the exit code.
+
+    0 done; 2 wrong input; 1 the machine failed (full disk, too little memory); 130 interrupted.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    logging.getLogger("rasterio").addHandler(logging.NullHandler())
+    previous = signal.signal(signal.SIGTERM, _terminate)
+    try:
+        return _run(given)
+    except AdretError as error:
+        return _stop(error, given)
+    except KeyboardInterrupt:
+        return _say("interrupted", 130)
+    except MemoryError:
+        return _say("memory: must be enough for this raster, got too little", 1)
+    except OSError as error:
+        where = f" ({error.filename})" if error.filename else ""
+        return _say(f"{error.strerror or error}{where}", 1)
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+
+
+def _run(given: list[str]) -> int:
+    import typer
+
+    app = typer.Typer(
+        name="adret",
+        help=HELP,
+        add_completion=False,
+        no_args_is_help=True,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+    )
+    app.callback()(_root)
+    for name in COMMANDS:
+        import_module(f"adret.cli.{name}").register(app)
+    _register_others(app, given)
+    try:
+        code = app(given, standalone_mode=False)
+    except Exception as error:
+        # Typer's errors of usage; their class moved between its versions.
+        if not hasattr(error, "format_message"):
+            raise
+        return _usage(error)
+    return code if isinstance(code, int) else 0
+
+
+def _root() -> None:
+    """Do nothing: it carries the help text and makes every command a sub-command."""
+
+
+def _register_others(app: Any, given: list[str]) -> None:
+    """Let installed packages add commands, unless one of our own was asked for."""
+    asked = next((word for word in given if not word.startswith("-")), None)
+    if asked in COMMANDS:
+        return
+    entries = metadata.entry_points(group=GROUP)
+    for entry in entries:
+        try:
+            entry.load()(app)
+        except ImportError as error:
+            if asked == entry.name:
+                raise InputError(
+                    "command",
+                    f'installed with pip install "adret[{_extra(entry.name)}]"',
+                    f"{entry.name} without {error.name}",
+                ) from None
+    if asked in EXTRAS and asked not in {entry.name for entry in entries}:
+        raise InputError("command", f'installed with pip install "adret[{EXTRAS[asked]}]"', asked)
+
+
+def _extra(command: str) -> str:
+    return EXTRAS.get(command, "service")
+
+
+def _usage(error: Any) -> int:
+    if type(error).__name__ == "NoArgsIsHelpError":
+        print(error.format_message())
+        return 2
+    return _say(" ".join(str(error.format_message()).split()), 2)
+
+
+def _stop(error: AdretError, given: list[str]) -> int:
+    if isinstance(error, Cancelled):
+        return _say(str(error) or "interrupted", 130)
+    if isinstance(error, InputError) and error.field.endswith("_deg"):
+        error = InputError(error.field.removesuffix("_deg"), error.limit, error.value)
+    return _say(" ".join(str(error).split()), 2)
+
+
+def _say(message: str, code: int) -> int:
+    print(f"adret: {message}", file=sys.stderr)
+    return code
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    """Leave like after Ctrl-C, so that unfinished files go."""
+    raise SystemExit(128 + number)

@@ -1,0 +1,140 @@
+"""Command-line options made from the products' parameters: same names, limits and defaults."""
+
+import inspect
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+
+from adret.errors import InputError
+from adret.parameters import Parameters, Specification, specifications
+
+__all__ = ["command", "numbers", "option_name"]
+
+_METAVAR = {"integer": "N", "number": "X", "numbers": "X,X,...", "string": "TEXT"}
+
+# Options of every product's command: name, kind, metavar, help.
+_COMMON: tuple[tuple[str, Any, Any, str | None, str], ...] = (
+    ("preview", str | None, None, "PNG", "Write a picture as well."),
+    ("band", str, "1", "N", "Band that holds the heights."),
+    ("cell_size", str | None, None, "DX,DY", "Metres a cell, for files that do not say it."),
+    ("vertical_unit", str | None, None, "UNIT", "Unit of the heights: m, ft, us-ft, ..."),
+    ("threads", str | None, None, "N", "Threads to use; default: all."),
+    ("overwrite", bool, False, None, "Replace files that exist."),
+)
+
+
+def option_name(field: str) -> str:
+    """--near for near, --sun for sun_deg."""
+    return "--" + field.removesuffix("_deg").replace("_", "-")
+
+
+def command(
+    name: str, parameters: type[Parameters], text: str, action: Callable[..., None]
+) -> Callable[[typer.Typer], None]:
+    """Return the function that registers a product's command.
+
+    Parameters
+    ----------
+    name : str
+        What is typed.
+    parameters : type
+        The product's dataclass; each field becomes an option.
+    text : str
+        Help, with examples.
+    action : callable
+        action(source, out, parameters, **common options).
+    """
+    known = specifications(parameters)
+
+    def run(source: str, out: str, **given: Any) -> None:
+        common = {entry[0]: given.pop(entry[0]) for entry in _COMMON}
+        chosen = {
+            spec.name: _value(spec, given[spec.name])
+            for spec in known
+            if given[spec.name] is not None
+        }
+        action(source, out, parameters(**chosen), **common)
+
+    arguments = [
+        _parameter("source", str, typer.Argument(metavar="IN", help="Elevation raster to read.")),
+        _parameter("out", str, typer.Argument(metavar="OUT", help="GeoTIFF to write.")),
+    ]
+    options = [_option_of(spec) for spec in known]
+    for field, kind, default, metavar, text_of in _COMMON:
+        declared = typer.Option(option_name(field), metavar=metavar, help=text_of)
+        options.append(_parameter(field, kind, declared, default))
+    run.__signature__ = inspect.Signature([*arguments, *options])  # type: ignore[attr-defined]
+    run.__annotations__ = {p.name: p.annotation for p in (*arguments, *options)}
+    run.__doc__ = text
+
+    def register(app: typer.Typer) -> None:
+        app.command(name)(run)
+
+    return register
+
+
+def _parameter(
+    name: str, kind: Any, declared: Any, default: Any = inspect.Parameter.empty
+) -> inspect.Parameter:
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.POSITIONAL_OR_KEYWORD,
+        default=default,
+        annotation=Annotated[kind, declared],
+    )
+
+
+def _option_of(spec: Specification) -> inspect.Parameter:
+    name = option_name(spec.name)
+    text = spec.description if spec.unit is None else f"{spec.description} [{spec.unit}]"
+    if spec.type == "boolean":
+        names = f"{name}/--no-{name[2:]}"
+        return _parameter(spec.name, bool, typer.Option(names, help=text), spec.default)
+    metavar = "|".join(spec.choices) if spec.choices else _METAVAR[spec.type]
+    if spec.length == 2:
+        metavar = "AZ,EL"
+    if spec.form == "path":
+        metavar = "FILE"
+    shown = spec.default is not None
+    if shown:
+        text = f"{text} [default: {_shown(spec.default)}]"
+    # Text, so that wrong values meet the parameters' own checks and messages.
+    declared = typer.Option(name, metavar=metavar, help=text, show_default=False)
+    return _parameter(spec.name, str | None, declared, None)
+
+
+def _shown(default: Any) -> str:
+    if isinstance(default, tuple):
+        return ",".join(f"{member:g}" for member in default)
+    return str(default)
+
+
+def _value(spec: Specification, text: Any) -> Any:
+    """The typed value that was written; text stays text where it is no number."""
+    if spec.type in ("boolean", "string"):
+        return text
+    if spec.type == "numbers":
+        return numbers(spec.name, text, spec.length)
+    try:
+        return int(text) if spec.type == "integer" else float(text)
+    except ValueError:
+        return text
+
+
+def numbers(field: str, text: str, length: int | None = None) -> tuple[float, ...]:
+    """Numbers separated by commas.
+
+    Raises
+    ------
+    InputError
+        If it is anything else, or not `length` numbers.
+    """
+    limit = f"{length} numbers" if length is not None else "numbers"
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(field, f"{limit} separated by commas", text) from None
+    if length is not None and len(found) != length:
+        raise InputError(field, f"{limit} separated by commas", text)
+    return found

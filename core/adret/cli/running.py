@@ -1,0 +1,101 @@
+"""What every product's command does: check, read, compute with a progress bar, write."""
+
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from adret.cli.options import numbers
+from adret.errors import InputError
+
+if TYPE_CHECKING:
+    from adret.parameters import Parameters
+    from adret.terrain import Terrain
+
+__all__ = ["open_terrain", "product_action"]
+
+
+def product_action(name: str) -> Callable[..., None]:
+    """Return the action of a product's command."""
+
+    def action(
+        source: str,
+        out: str,
+        parameters: "Parameters",
+        *,
+        preview: str | None,
+        band: str,
+        cell_size: str | None,
+        vertical_unit: str | None,
+        threads: str | None,
+        overwrite: bool,
+    ) -> None:
+        count = None if threads is None else _threads(threads)
+        from adret._gdal import check_output
+
+        inputs = tuple(
+            path for path in (source, getattr(parameters, "environment", None)) if path is not None
+        )
+        check_output(out, overwrite=overwrite, inputs=inputs)
+        if preview is not None:
+            check_output(preview, field="preview", overwrite=overwrite, inputs=inputs)
+        terrain = open_terrain(source, band, cell_size, vertical_unit)
+
+        from adret import products
+
+        if count is not None:
+            from adret._kernels import jit
+
+            jit.threads(count)
+        with progress_bar(name) as progress:
+            products.run(
+                products.PRODUCTS[name],
+                terrain,
+                parameters,
+                out,
+                preview,
+                progress,
+                overwrite=overwrite,
+            )
+
+    return action
+
+
+def open_terrain(
+    source: str, band: str, cell_size: str | None, vertical_unit: str | None
+) -> "Terrain":
+    """Open a raster with options as they were typed."""
+    number: Any = int(band) if band.lstrip("-").isdigit() else band
+    if not isinstance(number, int):
+        raise InputError("band", "a whole number", band)
+    size = None if cell_size is None else numbers("cell_size", cell_size, 2)
+    from adret.terrain import Terrain
+
+    return Terrain.open(
+        source,
+        number,
+        cell_size=None if size is None else (size[0], size[1]),
+        vertical_unit=vertical_unit,
+    )
+
+
+def _threads(text: str) -> int:
+    most = os.cpu_count() or 1
+    if not text.isdigit() or not 1 <= int(text) <= most:
+        raise InputError("threads", f"a whole number between 1 and {most}", text)
+    return int(text)
+
+
+@contextlib.contextmanager
+def progress_bar(name: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Give a progress callback that draws on standard error, or None where nobody looks."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(name, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -1,0 +1,166 @@
+"""The results that Adret writes to files: one registry for the command line and the service.
+
+A product turns a terrain and its typed parameters into named layers with a unit and the formula
+that defines them; `run` writes them as a cloud-optimised GeoTIFF and, if asked, as a picture.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from adret._gdal import PathLike, atomic, check_output
+from adret.cogs import write
+from adret.errors import InputError
+from adret.parameters import (
+    HorizonParameters,
+    LightParameters,
+    OpennessParameters,
+    Parameters,
+    ShadowParameters,
+    SkyViewParameters,
+    Specification,
+    specifications,
+)
+from adret.previews import preview
+from adret.products import sky, sun
+from adret.products.result import Progress, Result
+
+if TYPE_CHECKING:
+    from adret.terrain import Terrain
+
+__all__ = ["PRODUCTS", "Product", "Result", "Specification", "run", "specifications"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Product:
+    """A kind of result.
+
+    Attributes
+    ----------
+    name, title, description : str
+        For the registry and for people.
+    parameters : type
+        Dataclass of its parameters; `specifications` lists them with limits.
+    compute : callable
+        compute(terrain, parameters, progress) -> Result.
+    """
+
+    name: str
+    title: str
+    description: str
+    parameters: type[Parameters]
+    compute: Callable[["Terrain", Any, Progress | None], Result]
+
+
+def run(
+    product: Product,
+    terrain: "Terrain",
+    parameters: Parameters,
+    out_path: PathLike,
+    preview_path: PathLike | None = None,
+    progress: Progress | None = None,
+    *,
+    overwrite: bool = True,
+) -> None:
+    """Compute a product and write it; the files appear whole or not at all.
+
+    Parameters
+    ----------
+    product : Product
+        One of `PRODUCTS`.
+    terrain : Terrain
+    parameters : Parameters
+        Of the product's own class.
+    out_path : path-like
+        GeoTIFF to write.
+    preview_path : path-like, optional
+        PNG to write as well.
+    progress : callable, optional
+        Called as progress(done, total) between azimuths; an exception that it raises stops the
+        run and leaves no file.
+    overwrite : bool
+        Whether files that exist may be replaced.
+
+    Raises
+    ------
+    InputError
+        If a parameter cannot be used with this terrain.
+    RasterError
+        If a file cannot be written where it is asked for.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from adret import Terrain
+    >>> terrain = Terrain(np.zeros((8, 8)), (10, 10))
+    >>> openness = PRODUCTS["openness"]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     run(openness, terrain, openness.parameters(directions=8), f"{folder}/openness.tif")
+    """
+    if not isinstance(parameters, product.parameters):
+        raise InputError(
+            "parameters", f"of class {product.parameters.__name__}", type(parameters).__name__
+        )
+    out = check_output(out_path, overwrite=overwrite)
+    picture_path = None
+    if preview_path is not None:
+        picture_path = check_output(preview_path, field="preview", overwrite=overwrite)
+        if picture_path == out:
+            raise InputError("preview", "another file than out", str(preview_path))
+    result = product.compute(terrain, parameters, progress)
+    with atomic(out) as unfinished:
+        write(
+            unfinished,
+            result.layers,
+            terrain,
+            names=result.names,
+            unit=result.unit,
+            tags=result.tags,
+            **result.encoding,
+        )
+        if picture_path is not None:
+            preview(Path(picture_path), cell_size=terrain.cell_size, **result.picture())
+
+
+PRODUCTS: dict[str, Product] = {
+    product.name: product
+    for product in (
+        Product(
+            name="horizon",
+            title="Horizon map",
+            description="Elevation of the horizon for every cell and azimuth, in degrees.",
+            parameters=HorizonParameters,
+            compute=sky.horizon,
+        ),
+        Product(
+            name="sky-view",
+            title="Sky view",
+            description="Share of the sky that each cell sees.",
+            parameters=SkyViewParameters,
+            compute=sky.sky_view,
+        ),
+        Product(
+            name="openness",
+            title="Openness",
+            description="Mean angle between the vertical and the horizon, in degrees.",
+            parameters=OpennessParameters,
+            compute=sky.openness,
+        ),
+        Product(
+            name="shadow",
+            title="Shadow",
+            description="Lit, self-shadowed and cast-shadowed ground for one position of the sun.",
+            parameters=ShadowParameters,
+            compute=sun.shadow,
+        ),
+        Product(
+            name="light",
+            title="Direct light",
+            description="Light from sun and sky on every cell, as irradiance or radiance.",
+            parameters=LightParameters,
+            compute=sun.light,
+        ),
+    )
+}

@@ -1,0 +1,126 @@
+"""What a product computes, and what all products say about themselves."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from adret.azimuths import azimuth_set
+from adret.cogs import Layers
+from adret.errors import InputError
+from adret.parameters import RayParameters
+
+if TYPE_CHECKING:
+    from adret.terrain import Terrain
+
+__all__ = [
+    "Progress",
+    "Result",
+    "azimuth_options",
+    "azimuths_of",
+    "degrees_text",
+    "ray_options",
+    "tags_of",
+]
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """Layers of a product and what they are.
+
+    Attributes
+    ----------
+    layers : ndarray or iterator
+        Shape (bands, rows, columns) or (rows, columns), or pairs (band index, layer) to be used
+        one by one.
+    names : tuple of str
+        One a band.
+    unit : str
+        Unit of every band.
+    tags : dict
+        Metadata for the file: product, definition, parameters.
+    encoding : dict
+        How the numbers are stored: dtype, scale, offset, nodata, resampling (see `write`).
+    picture : callable
+        Gives the options of `preview`, `layer` among them; called when all layers were used.
+    """
+
+    layers: Layers
+    names: tuple[str, ...]
+    unit: str
+    tags: dict[str, str]
+    picture: Callable[[], dict[str, Any]]
+    encoding: dict[str, Any] = field(default_factory=dict)
+
+
+def azimuths_of(parameters: RayParameters) -> NDArray[np.float64]:
+    given = parameters.azimuths_deg
+    return azimuth_set(parameters.directions, None if given is None else np.radians(given))
+
+
+def azimuth_options(parameters: RayParameters) -> dict[str, Any]:
+    if parameters.azimuths_deg is not None:
+        return {"azimuths": azimuths_of(parameters)}
+    return {"directions": parameters.directions}
+
+
+def ray_options(terrain: "Terrain", parameters: RayParameters) -> dict[str, Any]:
+    """The horizon's own options, with the radius that curvature stands for."""
+    radius = parameters.radius
+    if radius is None and parameters.curvature:
+        radius = terrain.body_radius
+        if radius is None:
+            raise InputError("radius", "given for curvature (the raster names no body)", None)
+    if radius is None and parameters.refraction != 0.0:
+        raise InputError("refraction", "0 without curvature", parameters.refraction)
+    options: dict[str, Any] = {
+        "method": parameters.method,
+        "max_distance": parameters.max_distance,
+        "radius": radius,
+        "refraction": parameters.refraction,
+        "observer_height": parameters.observer_height,
+    }
+    if parameters.near is not None:
+        options["near"] = parameters.near
+    return options
+
+
+def tags_of(
+    terrain: "Terrain", name: str, definition: str, parameters: RayParameters
+) -> dict[str, str]:
+    """What the file says about itself."""
+    import adret
+    from adret.horizon import MAX_AZIMUTH_ERROR, NEAR_DEFAULT
+
+    options = ray_options(terrain, parameters)
+    tags = {
+        "ADRET_VERSION": adret.__version__,
+        "ADRET_PRODUCT": name,
+        "ADRET_DEFINITION": definition,
+        "ADRET_METHOD": parameters.method,
+        "ADRET_AZIMUTH_CONVENTION": "degrees clockwise from grid north",
+        "ADRET_RADIUS": "flat" if options["radius"] is None else f"{options['radius']:.1f} m",
+        "ADRET_REFRACTION": f"{parameters.refraction:g}",
+        "ADRET_OBSERVER_HEIGHT": f"{parameters.observer_height:g} m",
+        "ADRET_CELL_SIZE": f"{terrain.cell_size[0]:.9g} x {terrain.cell_size[1]:.9g} m",
+    }
+    if parameters.method == "sweep":
+        tags["ADRET_NEAR"] = str(NEAR_DEFAULT if parameters.near is None else parameters.near)
+    if parameters.max_distance is not None:
+        tags["ADRET_MAX_DISTANCE"] = f"{parameters.max_distance:g} m"
+    if name != "shadow":
+        tags["ADRET_DIRECTIONS"] = str(len(azimuths_of(parameters)))
+    if terrain.azimuth_error > 0.0:
+        error = np.degrees(min(terrain.azimuth_error, MAX_AZIMUTH_ERROR))
+        tags["ADRET_AZIMUTH_ERROR"] = f"at most {error:.4f} deg"
+    return tags
+
+
+def degrees_text(degrees: float) -> str:
+    """45.0, 5.625: at least one decimal, no rounding noise."""
+    text = f"{round(float(degrees), 9):.9f}".rstrip("0")
+    return text + "0" if text.endswith(".") else text

@@ -98,6 +98,7 @@ class Terrain:
         factor = geodesy.vertical_factor(vertical_unit)
         self._heights, self._datum = _above_datum(values, masked, factor, datum)
         self._root_rows = (0, values.shape[0])
+        self._left = 0
         self._core = (slice(0, values.shape[0]), slice(0, values.shape[1]))
 
     @classmethod
@@ -184,6 +185,11 @@ class Terrain:
         """(rows, columns)."""
         rows, columns = self._heights.shape
         return rows, columns
+
+    @property
+    def origin(self) -> tuple[int, int]:
+        """Row and column of this window's first cell in the raster that it was cut from."""
+        return self._root_rows[0], self._left
 
     @property
     def core(self) -> tuple[slice, slice]:
@@ -301,6 +307,7 @@ class Terrain:
             None if self._transform is None else geodesy.shifted(self._transform, left, top)
         )
         part._root_rows = (self._root_rows[0] + top, self._root_rows[1])
+        part._left = self._left + left
         part._core = (
             slice(row[0] - top, row[1] - top),
             slice(column[0] - left, column[1] - left),

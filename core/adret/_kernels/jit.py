@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import types
+from numba.extending import intrinsic
 
-__all__ = ["inline", "kernel", "parallel_kernel", "prange", "threads"]
+__all__ = ["greater", "inline", "kernel", "parallel_kernel", "prange", "threads"]
 
 # NaN is nodata and -inf is "no terrain": the flags that assume neither exists are left out.
 FASTMATH = {"contract", "nsz", "arcp"}
@@ -84,6 +86,23 @@ def parallel_kernel(function: Callable[..., None]) -> Any:
 def inline(function: Callable[..., Any]) -> Any:
     """Compile a small helper into its callers."""
     return numba.njit(inline="always", fastmath=FASTMATH, error_model="numpy")(function)
+
+
+@intrinsic
+def greater(typingctx, a, b):  # type: ignore[no-untyped-def]
+    """Return a if a > b, else b; so b where a is NaN.
+
+    One machine instruction. A Python conditional would do, but LLVM turns ``c[x] = q if q > c[x]
+    else c[x]`` into a masked store, which costs seven times as much on AMD Zen.
+    """
+    if a != b or not isinstance(a, types.Float):
+        return None
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        first, second = args
+        return builder.select(builder.fcmp_ordered(">", first, second), first, second)
+
+    return a(a, b), codegen
 
 
 def threads(count: int | None = None) -> int:

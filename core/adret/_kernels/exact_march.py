@@ -1,0 +1,92 @@
+"""The truth: every crossing of a cell's own ray with the grid lines, in float64."""
+
+import math
+
+import numpy as np
+
+from adret._kernels.jit import kernel, parallel_kernel, prange
+
+SNAP = 1e-9  # a crossing this near to a vertex (in cells) is the vertex
+
+
+@kernel
+def exact_horizon(z, row, column, along_row, along_column, limit, bend, observer):
+    """Slope of the horizon and the distance to it for one cell and one direction.
+
+    `along_row` and `along_column` are index units a metre towards the azimuth, `bend` is
+    (1 - k) / (2 R). Returns (-inf, NaN) where nothing lies that way.
+    """
+    rows, columns = z.shape
+    base = np.float64(z[row, column]) + observer
+    best = -np.inf
+    way = np.nan
+    # Crossings with grid rows, between two columns; then with grid columns, between two rows.
+    for axis in range(2):
+        step = along_row if axis == 0 else along_column
+        side = along_column if axis == 0 else along_row
+        if step == 0.0:
+            continue
+        length = rows if axis == 0 else columns
+        width = columns if axis == 0 else rows
+        here = row if axis == 0 else column
+        there = column if axis == 0 else row
+        sign = 1 if step > 0.0 else -1
+        ratio = side / abs(step)
+        last = length - 1 - here if sign > 0 else here
+        for j in range(1, last + 1):
+            distance = j / abs(step)
+            if distance > limit:
+                break
+            position = there + ratio * j
+            cell = math.floor(position + SNAP)
+            weight = position - cell
+            if weight < SNAP:
+                weight = 0.0
+            if cell < 0 or cell + (weight > 0.0) > width - 1:
+                break
+            at = here + sign * j
+            if axis == 0:
+                height = np.float64(z[at, cell])
+                if weight > 0.0:
+                    height = height * (1.0 - weight) + np.float64(z[at, cell + 1]) * weight
+            else:
+                height = np.float64(z[cell, at])
+                if weight > 0.0:
+                    height = height * (1.0 - weight) + np.float64(z[cell + 1, at]) * weight
+            slope = (height - base) / distance - bend * distance
+            if slope > best or (slope == best and distance < way):
+                best = slope
+                way = distance
+    return best, way
+
+
+@parallel_kernel
+def exact_at(z, row, column, along_row, along_column, limit, bend, observer, slope, distance):
+    """Exact horizon of P cells in K directions; `slope` and `distance` are (K, P) float64."""
+    for p in prange(len(row)):
+        for k in range(len(along_row)):
+            if np.isnan(z[row[p], column[p]]):
+                slope[k, p] = np.nan
+                distance[k, p] = np.nan
+            else:
+                best, way = exact_horizon(
+                    z, row[p], column[p], along_row[k], along_column[k], limit, bend, observer
+                )
+                slope[k, p] = best
+                distance[k, p] = way
+
+
+@parallel_kernel
+def exact_layer(z, first, along_row, along_column, limit, bend, observer, slope, distance):
+    """Exact horizon of whole rows from `first` on, one direction; outputs are float32 rows."""
+    for i in prange(slope.shape[0]):
+        for c in range(slope.shape[1]):
+            if np.isnan(z[first + i, c]):
+                slope[i, c] = np.nan
+                distance[i, c] = np.nan
+            else:
+                best, way = exact_horizon(
+                    z, first + i, c, along_row, along_column, limit, bend, observer
+                )
+                slope[i, c] = best
+                distance[i, c] = way

@@ -1,0 +1,286 @@
+"""Far field: sweep parallel lines and keep, on each, the convex hull of what was passed (P1).
+
+After Timonen and Westerholm 2010 (paper P1, sections 4 and 5, algorithm 1), with these changes,
+each measured in `benchmarks/`:
+
+- Lines are sheared, one cell apart along the minor axis, with one sample a major step. All lines of
+  a row share one interpolation weight, so that sampling and gathering vectorise over lines.
+- `pool` consecutive samples of a line enter the hull as one, the highest, at its own position.
+  Insertion and query are one operation, so the hull costs a `pool`-th.
+- The hull hands out its tangent *vertex*, not the angle: the slope is computed from the receiver's
+  own cell and height for the vertices of the two neighbouring lines, then interpolated.
+- Vertices no more than `near` steps away are left to the near field, which sees the cell's own ray.
+
+Arrays are in the sweep frame (see `adret.sweep`); positions are major steps, in float32. With
+curvature the hull holds z - bend·s², under which the hull of a bent line is that of a straight one.
+"""
+
+import math
+
+import numpy as np
+
+from adret._kernels.jit import greater, inline, kernel, parallel_kernel, prange
+
+STRIP = 64  # lines a strip; a strip's vertices and hull tops stay in the first-level cache
+NOTHING = np.float32(-np.inf)
+
+
+@inline
+def _cut(t, step, first, width, columns):
+    """Where a row cuts a strip: first column, weight, and the span of lines inside the raster."""
+    u = t * step
+    base = math.floor(u)
+    f = np.float32(u - base)
+    column = first + base
+    return column, f, max(0, -column), min(width, columns - column)
+
+
+@kernel
+def _sample(a, b, g, f, step, height, position):
+    """Raise the pooled `height` of each line by this row's sample; NaN never does."""
+    for line in range(len(height)):
+        h = a[line] * g + b[line] * f
+        higher = h > height[line]
+        height[line] = h if higher else height[line]
+        position[line] = step if higher else position[line]
+
+
+@kernel
+def pool_samples(z, pad, t, anchor, first, columns, start, stop, height, position):
+    """Highest sample of each line among rows start..stop; -inf where a line has none."""
+    height[:] = NOTHING
+    width = len(height)
+    for i in range(start, stop):
+        column, f, lo, hi = _cut(t, i + anchor, first, width, columns)
+        if hi <= lo:
+            continue
+        row = z[i + pad]
+        x = column + pad
+        # With f = 0 the right-hand cell must not matter, even where it is NaN.
+        shift = 1 if f > 0.0 else 0
+        _sample(
+            row[x + lo : x + hi],
+            row[x + lo + shift : x + hi + shift],
+            np.float32(1.0) - f,
+            f,
+            np.float32(i),
+            height[lo:hi],
+            position[lo:hi],
+        )
+
+
+@kernel
+def _gather(left_z, left_s, right_z, right_s, receiver, best, weight, here, limits, column):
+    """Raise `best` by the slopes to both lines' vertices, interpolated at the receiver.
+
+    `limits`: observer height, 1 / step length, bend · step length, shear, reach in steps. A vertex
+    beyond the point where the cell's own ray leaves the raster, or beyond reach, does not count.
+    """
+    observer, per_step, drop, shear, reach = limits
+    for x in range(len(best)):
+        z = receiver[x] + observer
+        c = np.float32(column + x)
+        steps = here - right_s[x]
+        a = (right_z[x] - z) * per_step / steps - drop * steps
+        a = a if (steps * shear <= c) & (steps <= reach) else NOTHING
+        steps = here - left_s[x]
+        b = (left_z[x] - z) * per_step / steps - drop * steps
+        b = b if (steps * shear <= c) & (steps <= reach) else NOTHING
+        right = b if a == NOTHING else a
+        left = a if b == NOTHING else b
+        slope = right * (np.float32(1.0) - weight) + left * weight
+        best[x] = greater(greater(slope, best[x]), NOTHING)
+
+
+@kernel
+def _gather_distance(
+    left_z, left_s, right_z, right_s, receiver, best, distance, weight, here, limits, column
+):
+    """As `_gather`, and keep the distance to the vertex of the nearer line."""
+    observer, per_step, drop, shear, reach = limits
+    for x in range(len(best)):
+        z = receiver[x] + observer
+        c = np.float32(column + x)
+        away_right = here - right_s[x]
+        a = (right_z[x] - z) * per_step / away_right - drop * away_right
+        a = a if (away_right * shear <= c) & (away_right <= reach) else NOTHING
+        away_left = here - left_s[x]
+        b = (left_z[x] - z) * per_step / away_left - drop * away_left
+        b = b if (away_left * shear <= c) & (away_left <= reach) else NOTHING
+        take_left = (a == NOTHING) | ((weight > 0.5) & (b != NOTHING))
+        right = b if a == NOTHING else a
+        left = a if b == NOTHING else b
+        slope = right * (np.float32(1.0) - weight) + left * weight
+        if slope > best[x]:
+            best[x] = slope
+            distance[x] = (away_left if take_left else away_right) / per_step
+
+
+@kernel
+def gather_rows(
+    z, pad, t, anchor, first, start, stop, rows, columns, vertex_z, vertex_s, limits, best, distance
+):
+    """Gather for the receivers of rows start..stop that lie between the strip's lines."""
+    width = len(vertex_z)
+    for i in range(max(start, rows[0]), min(stop, rows[1])):
+        column, f, _, _ = _cut(t, i + anchor, first, width, columns[1])
+        lo = max(1, columns[0] - column)
+        hi = min(width, columns[1] - column)
+        if hi <= lo:
+            continue
+        # With f = 0 the left-hand line must not matter.
+        shift = 1 if f > 0.0 else 0
+        x = column + pad
+        c = column + lo
+        if distance.shape[0] == 0:
+            _gather(
+                vertex_z[lo - shift : hi - shift],
+                vertex_s[lo - shift : hi - shift],
+                vertex_z[lo:hi],
+                vertex_s[lo:hi],
+                z[i + pad, x + lo : x + hi],
+                best[i, c : column + hi],
+                f,
+                np.float32(i),
+                limits,
+                c,
+            )
+        else:
+            _gather_distance(
+                vertex_z[lo - shift : hi - shift],
+                vertex_s[lo - shift : hi - shift],
+                vertex_z[lo:hi],
+                vertex_s[lo:hi],
+                z[i + pad, x + lo : x + hi],
+                best[i, c : column + hi],
+                distance[i, c : column + hi],
+                f,
+                np.float32(i),
+                limits,
+                c,
+            )
+
+
+@kernel
+def _query_and_insert(
+    height, position, near, observer, bend, hull_z, hull_s, size, vertex_z, vertex_s
+):
+    """Algorithm 1 of P1 on every line of a strip: pop, hand out the tangent vertex, push.
+
+    A line without a sample here (outside the raster, or nodata) keeps its latest vertex.
+    """
+    for line in range(len(height)):
+        z = height[line]
+        if z == NOTHING:
+            continue
+        s = position[line]
+        z -= bend * s * s
+        k = size[line]
+        if k > 0:
+            rise = hull_z[k - 1, line] - z
+            away = s - hull_s[k - 1, line]
+            while k > 1:
+                next_rise = hull_z[k - 2, line] - z
+                next_away = s - hull_s[k - 2, line]
+                if next_rise * away < rise * next_away:
+                    break
+                k -= 1
+                rise = next_rise
+                away = next_away
+            q = k - 1
+            if observer > 0.0:
+                eye = z + observer
+                while q > 0 and (hull_z[q - 1, line] - eye) * (s - hull_s[q, line]) >= (
+                    hull_z[q, line] - eye
+                ) * (s - hull_s[q - 1, line]):
+                    q -= 1
+            while q >= 0 and s - hull_s[q, line] <= near:
+                q -= 1
+            if q >= 0:
+                at = hull_s[q, line]
+                vertex_s[line] = at
+                vertex_z[line] = hull_z[q, line] + bend * at * at
+            else:
+                vertex_s[line] = np.float32(-1.0)
+                vertex_z[line] = NOTHING
+        hull_s[k, line] = s
+        hull_z[k, line] = z
+        size[line] = k + 1
+
+
+@inline
+def strip_count(t, anchor, rows, columns):
+    """Strips whose lines pass a receiver; line L is at column L + floor(t·I) at global step I."""
+    lowest = columns[0] - math.floor(t * (rows[1] - 1 + anchor))
+    highest = columns[1] - 1 - math.floor(t * (rows[0] + anchor))
+    return (highest - lowest + STRIP) // STRIP
+
+
+@inline
+def first_line(t, anchor, strip, rows, columns):
+    """The strip's first line; it is also the last of the strip before."""
+    return columns[0] - math.floor(t * (rows[1] - 1 + anchor)) + strip * STRIP - 1
+
+
+@parallel_kernel
+def hull_sweep(z, pad, width, t, anchor, pool, near, bend, limits, rows, columns, best, distance):
+    """Raise `best` by the far horizon, unlimited range.
+
+    Parameters
+    ----------
+    z : (pad + n, pad + m + 1) float32
+        Heights in the sweep frame, padded with NaN.
+    width : int
+        Columns m of the raster.
+    t : float
+        Shear: minor cells a major step, 0 to 1.
+    anchor : int
+        Global step of row 0: lines and pools are anchored to the global grid.
+    pool : int
+        Samples that enter the hull as one.
+    near : float32
+        Vertices up to so many steps away are left to the near field.
+    bend : float32
+        Curvature drop a step squared [m].
+    limits : 5-tuple of float32
+        Observer height, 1 / step length, curvature slope a step, shear, reach in steps.
+    rows, columns : (2,) int64
+        Receivers to serve, start and stop.
+    best : (n, m) float32
+        Slopes, raised in place.
+    distance : (n, m) or (0, 0) float32
+        Distance to the horizon point, kept where `best` is raised; empty to leave it out.
+    """
+    for strip in prange(strip_count(t, anchor, rows, columns)):
+        first = first_line(t, anchor, strip, rows, columns)
+        depth = rows[1] // pool + 2
+        hull_z = np.empty((depth, STRIP + 1), np.float32)
+        hull_s = np.empty((depth, STRIP + 1), np.float32)
+        size = np.zeros(STRIP + 1, np.int64)
+        height = np.empty(STRIP + 1, np.float32)
+        position = np.zeros(STRIP + 1, np.float32)
+        vertex_z = np.full(STRIP + 1, NOTHING)
+        vertex_s = np.full(STRIP + 1, np.float32(-1.0))
+        for begin in range(-(anchor % pool), rows[1], pool):
+            start = max(begin, 0)
+            stop = min(begin + pool, rows[1])
+            pool_samples(z, pad, t, anchor, first, width, start, stop, height, position)
+            _query_and_insert(
+                height, position, near, limits[0], bend, hull_z, hull_s, size, vertex_z, vertex_s
+            )
+            gather_rows(
+                z,
+                pad,
+                t,
+                anchor,
+                first,
+                start,
+                stop,
+                rows,
+                columns,
+                vertex_z,
+                vertex_s,
+                limits,
+                best,
+                distance,
+            )

@@ -1,0 +1,97 @@
+"""Prior work: march along each cell's own ray to the raster's edge, one sample a major step.
+
+O(N) a cell. It sees the ray's crossings with the grid lines across its major axis only. Vectorised
+over the receivers of a row, which share offsets and weights. Arrays are in the sweep frame.
+"""
+
+import math
+
+import numpy as np
+
+from adret._kernels.jit import greater, inline, kernel, parallel_kernel, prange
+
+SNAP = 1e-9
+
+
+@inline
+def _offset(shear, j):
+    position = shear * j
+    cell = math.floor(position + SNAP)
+    weight = position - cell
+    return cell, np.float32(weight if weight >= SNAP else 0.0)
+
+
+@kernel
+def _four_steps(a0, a1, a2, a3, b0, b1, b2, b3, receiver, best, p, q, v, k):
+    for x in range(len(best)):
+        z = receiver[x]
+        s = greater(a0[x] * p[0] + b0[x] * q[0] - z * v[0] + k[0], best[x])
+        s = greater(a1[x] * p[1] + b1[x] * q[1] - z * v[1] + k[1], s)
+        s = greater(a2[x] * p[2] + b2[x] * q[2] - z * v[2] + k[2], s)
+        best[x] = greater(a3[x] * p[3] + b3[x] * q[3] - z * v[3] + k[3], s)
+
+
+@kernel
+def _one_step(line, column, cell, p, q, v, k, z):
+    """Slope of one sample; NaN outside the raster or beside nodata."""
+    left = column - cell - (1 if q > 0.0 else 0)
+    if left < 0:
+        return np.float32(np.nan)
+    return line[column - cell] * p + line[left] * q - z * v + k
+
+
+@parallel_kernel
+def march(z, pad, shear, step, count, bend, observer, rows, columns, best):
+    """Fill `best` with the slope of the highest of `count` samples along each cell's ray."""
+    width = z.shape[1] - pad - 1
+    for i in prange(rows[0], rows[1]):
+        p = np.empty(4, np.float32)
+        q = np.empty(4, np.float32)
+        v = np.empty(4, np.float32)
+        k = np.empty(4, np.float32)
+        cells = np.empty(4, np.int64)
+        out = best[i, columns[0] : columns[1]]
+        out[:] = -np.inf
+        receiver = z[i + pad, pad : pad + width]
+        steps = min(i, count)
+        for j0 in range(1, steps + 1, 4):
+            for u in range(4):
+                j = min(j0 + u, steps)
+                cell, weight = _offset(shear, j)
+                way = j * step
+                cells[u] = cell
+                p[u] = (1.0 - weight) / way
+                q[u] = weight / way
+                v[u] = 1.0 / way
+                k[u] = -observer / way - bend * way
+            lo = min(columns[1], max(columns[0], cells[3] + 1))
+            for u in range(4):
+                line = z[i + pad - min(j0 + u, steps), pad : pad + width]
+                for c in range(max(columns[0], cells[u]), lo):
+                    slope = _one_step(line, c, cells[u], p[u], q[u], v[u], k[u], receiver[c])
+                    if slope > out[c - columns[0]]:
+                        out[c - columns[0]] = slope
+            if lo >= columns[1]:
+                continue
+            r = i + pad
+            # With weight 0 the left-hand cell must not matter, even where it is NaN.
+            s = pad + lo - cells
+            e = pad + columns[1] - cells
+            t = s - (q > 0.0)
+            w = e - (q > 0.0)
+            _four_steps(
+                z[r - j0, s[0] : e[0]],
+                z[r - min(j0 + 1, steps), s[1] : e[1]],
+                z[r - min(j0 + 2, steps), s[2] : e[2]],
+                z[r - min(j0 + 3, steps), s[3] : e[3]],
+                z[r - j0, t[0] : w[0]],
+                z[r - min(j0 + 1, steps), t[1] : w[1]],
+                z[r - min(j0 + 2, steps), t[2] : w[2]],
+                z[r - min(j0 + 3, steps), t[3] : w[3]],
+                receiver[lo : columns[1]],
+                out[lo - columns[0] :],
+                p,
+                q,
+                v,
+                k,
+            )

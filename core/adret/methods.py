@@ -1,0 +1,184 @@
+"""The four ways to find a horizon, behind one small interface."""
+
+import math
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from adret._kernels.exact_march import exact_at, exact_layer
+from adret._kernels.line_hull import look_up, sweep_lines
+from adret.sweep import LONGEST_POOL, Direction, Layer, Orientation, SweepFrame
+from adret.terrain import Terrain
+
+if TYPE_CHECKING:
+    from adret.horizon import HorizonOptions
+
+__all__ = ["ENGINES", "LONGEST_POOL", "Direction", "exact_points"]
+
+
+class Engine(Protocol):
+    """Fills rows of a slope layer, and of a distance layer where one is given."""
+
+    def __init__(self, terrain: Terrain, options: "HorizonOptions") -> None: ...
+
+    def fill(
+        self, direction: Direction, slope: Layer, distance: Layer | None, rows: tuple[int, int]
+    ) -> None:
+        """Write the horizon towards `direction` for raster rows start..stop."""
+
+
+class _Framed:
+    """Keeps the frames of the latest octants: latitude bands may straddle an octant's border."""
+
+    def __init__(self, terrain: Terrain, options: "HorizonOptions") -> None:
+        self.terrain = terrain
+        self.options = options
+        self._frames: dict[Orientation, SweepFrame] = {}
+
+    def frame(self, orientation: Orientation, near: int) -> SweepFrame:
+        if orientation not in self._frames:
+            if len(self._frames) > 1:
+                del self._frames[next(iter(self._frames))]
+            self._frames[orientation] = SweepFrame(
+                self.terrain.heights, orientation, near, self.terrain.origin
+            )
+        return self._frames[orientation]
+
+
+class Sweep(_Framed):
+    """Exact near field joined to a hull-swept far field."""
+
+    def fill(
+        self, direction: Direction, slope: Layer, distance: Layer | None, rows: tuple[int, int]
+    ) -> None:
+        """Write rows of the layer; see `SweepFrame.horizon`."""
+        o = self.options
+        self.frame(direction.orientation, o.near).horizon(
+            direction,
+            slope,
+            distance,
+            rows=rows,
+            max_distance=o.range,
+            bend=o.bend,
+            observer_height=o.observer_height,
+        )
+
+
+class March(_Framed):
+    """One sample a step along each cell's own ray."""
+
+    def fill(
+        self, direction: Direction, slope: Layer, distance: Layer | None, rows: tuple[int, int]
+    ) -> None:
+        """Write rows of the layer; see `SweepFrame.march`."""
+        o = self.options
+        self.frame(direction.orientation, 0).march(
+            direction,
+            slope,
+            rows=rows,
+            max_distance=o.range,
+            bend=o.bend,
+            observer_height=o.observer_height,
+        )
+
+
+class Exact:
+    """Every crossing of the cell's own ray with the grid lines, in float64."""
+
+    def __init__(self, terrain: Terrain, options: "HorizonOptions") -> None:
+        self.heights = terrain.heights
+        self.options = options
+
+    def fill(
+        self, direction: Direction, slope: Layer, distance: Layer | None, rows: tuple[int, int]
+    ) -> None:
+        """Write rows of the layer."""
+        start, stop = rows
+        way = np.empty_like(slope) if distance is None else distance
+        exact_layer(
+            self.heights,
+            start,
+            direction.along_row,
+            direction.along_column,
+            self.options.range,
+            self.options.bend,
+            self.options.observer_height,
+            slope[start:stop],
+            way[start:stop],
+        )
+
+
+class Hull:
+    """Paper P1 as published."""
+
+    def __init__(self, terrain: Terrain, options: "HorizonOptions") -> None:
+        self.heights = terrain.heights
+        self.mask = terrain.mask
+        self.options = options
+
+    def fill(
+        self, direction: Direction, slope: Layer, distance: Layer | None, rows: tuple[int, int]
+    ) -> None:
+        """Write rows of the layer: sweep all lines, then look each cell up."""
+        n, m = self.heights.shape
+        dy, dx = direction.cell_size[1], direction.cell_size[0]
+        north, east = -direction.along_row * dy, direction.along_column * dx
+        spacing = min(dx, dy)
+        half = math.ceil(math.hypot(n * dy, m * dx) / (2.0 * spacing)) + 2
+        buffer = np.empty((2 * half + 1, 2 * half + 1), np.float64)
+        centre = np.array([(n - 1) / 2.0, (m - 1) / 2.0])
+        sweep_lines(
+            self.heights,
+            centre,
+            np.array([-north / dy, east / dx]),
+            np.array([east / dy, north / dx]),
+            spacing,
+            self.options.bend,
+            self.options.observer_height,
+            buffer,
+        )
+        start, stop = rows
+        look_up(
+            buffer,
+            centre,
+            np.array([-north * dy, east * dx]),
+            np.array([east * dy, north * dx]),
+            spacing,
+            start,
+            slope[start:stop],
+        )
+        slope[start:stop][self.mask[start:stop]] = np.nan
+
+
+ENGINES: dict[str, type[Engine]] = {"sweep": Sweep, "march": March, "exact": Exact, "hull": Hull}
+
+
+def exact_points(
+    terrain: Terrain,
+    options: "HorizonOptions",
+    azimuths: NDArray[np.float64],
+    row: NDArray[np.integer],
+    column: NDArray[np.integer],
+    max_azimuth_error: float,
+) -> Layer:
+    """Exact slopes of P cells in K directions, float32 (K, P)."""
+    slope = np.empty((azimuths.size, row.size))
+    for band in terrain.latitude_bands(max_azimuth_error):
+        inside = np.flatnonzero((row >= band.start) & (row < band.stop))
+        directions = [Direction.of(a, band.cell_size) for a in azimuths.tolist()]
+        part = np.empty((azimuths.size, inside.size))
+        exact_at(
+            terrain.heights,
+            row[inside].astype(np.int64),
+            column[inside].astype(np.int64),
+            np.array([d.along_row for d in directions]),
+            np.array([d.along_column for d in directions]),
+            options.range,
+            options.bend,
+            options.observer_height,
+            part,
+            np.empty_like(part),
+        )
+        slope[:, inside] = part
+    return slope.astype(np.float32)

@@ -1,0 +1,326 @@
+"""One azimuth over a whole raster: the sweep frame, and the near and far field joined in it.
+
+The sweep frame of an azimuth is the raster turned (transposed and flipped) so that the direction
+towards the azimuth has its larger component along decreasing rows and its smaller, t times as
+large in cells, along decreasing columns, 0 <= t <= 1. All kernels then know one kind of direction.
+Azimuths of one octant share the frame's padded copy of the heights.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from adret._kernels.frames import copy_oriented, mask_nodata
+from adret._kernels.hull_sweep import hull_sweep
+from adret._kernels.hull_window import hull_sweep_within
+from adret._kernels.march import march
+from adret._kernels.near_field import near_field, near_field_distance
+
+__all__ = ["LONGEST_POOL", "Direction", "Layer", "Orientation", "SweepFrame", "pool_length"]
+
+LONGEST_POOL = 4
+SNAP = 1e-9  # cells: a crossing this near to a vertex is the vertex
+Layer = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Orientation:
+    """How a raster is turned into its sweep frame: transposed first, then flipped."""
+
+    swap: bool
+    flip_rows: bool
+    flip_columns: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Direction:
+    """An azimuth on a grid of given cell size.
+
+    Attributes
+    ----------
+    cell_size : (float, float)
+        (dx, dy) [m].
+    along_row, along_column : float
+        Index units a metre towards the azimuth.
+    orientation : Orientation
+        Of the azimuth's octant.
+    shear : float
+        t: minor cells a major step.
+    step : float
+        Ground length of a major step [m].
+    """
+
+    cell_size: tuple[float, float]
+    along_row: float
+    along_column: float
+    orientation: Orientation
+    shear: float
+    step: float
+
+    @classmethod
+    def of(cls, azimuth: float, cell_size: tuple[float, float]) -> "Direction":
+        """Resolve an azimuth [radians clockwise from north], exact on axes and cell diagonals."""
+        dx, dy = cell_size
+        row, column = -math.cos(azimuth) / dy, math.sin(azimuth) / dx
+        large = max(abs(row), abs(column))
+        row = 0.0 if abs(row) < 1e-12 * large else row
+        column = 0.0 if abs(column) < 1e-12 * large else column
+        if abs(abs(row) - abs(column)) < 1e-12 * large:
+            diagonal = 1.0 / math.hypot(dx, dy)
+            row, column = math.copysign(diagonal, row), math.copysign(diagonal, column)
+        swap = abs(column) > abs(row)
+        major, minor = (column, row) if swap else (row, column)
+        along, across = (dx, dy) if swap else (dy, dx)
+        shear = abs(minor) / abs(major)
+        return cls(
+            cell_size=cell_size,
+            along_row=row,
+            along_column=column,
+            orientation=Orientation(swap, major > 0.0, minor > 0.0),
+            shear=shear,
+            step=math.hypot(along, shear * across),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Stencil:
+    """Crossings of the near field: shifts of the two cells, weights, distance [m]."""
+
+    offsets: NDArray[np.int64]
+    p: Layer
+    q: Layer
+    v: Layer
+    k: Layer
+    reach: Layer
+
+
+def pool_length(near: int) -> int:
+    """Samples of a line that enter the far field's hull as one.
+
+    A pooled sample is at most a pool away from where it matters and more than `near` steps from
+    the receiver, so the error grows with their ratio; beyond 4 little more time is gained.
+    """
+    return min(LONGEST_POOL, max(1, near // 8))
+
+
+def _crossings(shear: float, count: int) -> list[tuple[int, int, float, int, int, float, float]]:
+    """Crossings within `count` major steps: (row, column, weight) twice, and the major steps."""
+    found = []
+    for j in range(1, count + 1):
+        position = shear * j
+        cell = math.floor(position + SNAP)
+        weight = position - cell
+        if weight < SNAP:
+            found.append((-j, -cell, 1.0, -j, -cell, 0.0, float(j)))
+        else:
+            found.append((-j, -cell, 1.0 - weight, -j, -cell - 1, weight, float(j)))
+    if shear > 0.0:
+        for j in range(1, math.floor(shear * count + SNAP) + 1):
+            position = j / shear
+            cell = math.floor(position + SNAP)
+            weight = position - cell
+            if weight >= SNAP:  # else the crossing is a vertex, listed above
+                found.append((-cell, -j, 1.0 - weight, -cell - 1, -j, weight, position))
+    return found
+
+
+def _stencil(
+    direction: Direction, near: int, max_distance: float, bend: float, observer: float
+) -> _Stencil:
+    crossings = [
+        c for c in _crossings(direction.shear, near) if c[6] * direction.step <= max_distance
+    ]
+    crossings.sort(key=lambda c: c[6])
+    if crossings:
+        crossings += [crossings[-1]] * (-len(crossings) % 4)
+    table = np.array(crossings, dtype=np.float64).reshape(-1, 7)
+    distance = table[:, 6] * direction.step
+    return _Stencil(
+        offsets=table[:, [0, 1, 3, 4]].astype(np.int64),
+        p=(table[:, 2] / distance).astype(np.float32),
+        q=(table[:, 5] / distance).astype(np.float32),
+        v=(1.0 / distance).astype(np.float32),
+        k=(-observer / distance - bend * distance).astype(np.float32),
+        reach=distance.astype(np.float32),
+    )
+
+
+class SweepFrame:
+    """A raster turned for one octant, with the kernels that run in it.
+
+    Parameters
+    ----------
+    heights : ndarray, shape (rows, columns), float32
+        NaN at nodata.
+    orientation : Orientation
+        Of the azimuths to come.
+    near : int
+        Radius of the near field [major steps].
+    origin : (int, int)
+        Row and column of the first cell in the raster that `heights` was cut from: lines, pools
+        and blocks of the far field are anchored there.
+    """
+
+    def __init__(
+        self,
+        heights: Layer,
+        orientation: Orientation,
+        near: int,
+        origin: tuple[int, int] = (0, 0),
+    ) -> None:
+        shape = heights.shape[::-1] if orientation.swap else heights.shape
+        self.shape: tuple[int, int] = (shape[0], shape[1])
+        self.orientation = orientation
+        self.near = min(near, max(shape))
+        self._heights = heights
+        self._pad = self.near + 2
+        self._z = np.full((shape[0] + self._pad, shape[1] + self._pad + 1), np.nan, np.float32)
+        copy_oriented(heights, self._z[self._pad :, self._pad : -1], *self._turn())
+        first = origin[1] if orientation.swap else origin[0]
+        self._anchor = 1 - shape[0] - first if orientation.flip_rows else first
+        self._best: Layer = np.empty(shape, np.float32)
+        self._distance: Layer | None = None
+
+    def _turn(self) -> tuple[bool, bool, bool]:
+        o = self.orientation
+        return o.swap, o.flip_rows, o.flip_columns
+
+    def _span(self, rows: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Frame rows and columns of a span of raster rows."""
+        o, (n, m) = self.orientation, self.shape
+        if o.swap:
+            first, last = (m - rows[1], m - rows[0]) if o.flip_columns else rows
+            return np.array([0, n]), np.array([first, last])
+        first, last = (n - rows[1], n - rows[0]) if o.flip_rows else rows
+        return np.array([first, last]), np.array([0, m])
+
+    def horizon(
+        self,
+        direction: Direction,
+        slope: Layer,
+        distance: Layer | None = None,
+        *,
+        rows: tuple[int, int],
+        max_distance: float = math.inf,
+        bend: float = 0.0,
+        observer_height: float = 0.0,
+        pool: int | None = None,
+    ) -> None:
+        """Fill rows of `slope` (and `distance` [m]) with the horizon towards one azimuth.
+
+        Parameters
+        ----------
+        direction : Direction
+            Of this frame's octant.
+        slope : ndarray, shape (rows, columns), float32
+            Output in raster orientation: tangent of the elevation, -inf where nothing lies that
+            way, NaN at nodata.
+        distance : ndarray, shape (rows, columns), float32, optional
+            Output: way to the horizon point, NaN where there is none.
+        rows : (int, int)
+            Raster rows to serve, start and stop; all rows are terrain.
+        max_distance : float
+            Range [m].
+        bend : float
+            (1 - refraction) / (2 · radius) [1/m].
+        observer_height : float
+            Height of the eye above the surface [m].
+        pool : int, optional
+            Samples that enter the hull as one; `pool_length` of the near field by default.
+        """
+        stencil = _stencil(direction, self.near, max_distance, bend, observer_height)
+        frame_rows, frame_columns = self._span(rows)
+        shared = (self._z, self._pad, stencil.offsets, stencil.p, stencil.q, stencil.v, stencil.k)
+        if distance is None:
+            far = np.empty((0, 0), np.float32)
+            near_field(*shared, frame_rows, frame_columns, self._best)
+        else:
+            if self._distance is None:
+                self._distance = np.empty(self.shape, np.float32)
+            far = self._distance
+            near_field_distance(*shared, stencil.reach, frame_rows, frame_columns, self._best, far)
+        reach = max_distance / direction.step
+        if reach > self.near and max(self.shape) > self.near:
+            self._far(direction, reach, bend, observer_height, pool, frame_rows, frame_columns, far)
+        self._write(self._best, slope, rows)
+        if distance is not None:
+            self._write(far, distance, rows)
+
+    def march(
+        self,
+        direction: Direction,
+        slope: Layer,
+        *,
+        rows: tuple[int, int],
+        max_distance: float = math.inf,
+        bend: float = 0.0,
+        observer_height: float = 0.0,
+    ) -> None:
+        """As `horizon`, by one sample a major step along each cell's own ray."""
+        count = int(min(max_distance / direction.step + SNAP, self.shape[0]))
+        march(
+            self._z,
+            self._pad,
+            direction.shear,
+            direction.step,
+            count,
+            bend,
+            observer_height,
+            *self._span(rows),
+            self._best,
+        )
+        self._write(self._best, slope, rows)
+
+    def _far(
+        self,
+        direction: Direction,
+        reach: float,
+        bend: float,
+        observer_height: float,
+        pool: int | None,
+        rows: NDArray[np.int64],
+        columns: NDArray[np.int64],
+        distance: Layer,
+    ) -> None:
+        n, m = self.shape
+        pool = pool or pool_length(self.near)
+        # A range that covers the raster is no limit.
+        limited = reach < max(n, m)
+        f = np.float32
+        limits = (
+            f(observer_height),
+            f(1.0 / direction.step),
+            f(bend * direction.step),
+            f(direction.shear),
+            f(reach),
+        )
+        shared = (
+            self._z,
+            self._pad,
+            m,
+            direction.shear,
+            self._anchor,
+            pool,
+            f(self.near),
+            f(bend * direction.step**2),
+            limits,
+        )
+        if limited:
+            block = math.ceil(reach / pool) + 1
+            hull_sweep_within(*shared, block, rows, columns, self._best, distance)
+        else:
+            hull_sweep(*shared, rows, columns, self._best, distance)
+
+    def _write(self, layer: Layer, target: Layer, rows: tuple[int, int]) -> None:
+        """Turn a frame layer back into rows of a raster layer and mask nodata."""
+        o = self.orientation
+        if o.swap:
+            # The inverse of "transpose, then flip" flips the other axis after transposing.
+            lo, hi = self._span(rows)[1]
+            copy_oriented(layer[:, lo:hi], target[slice(*rows)], True, o.flip_columns, o.flip_rows)
+        else:
+            lo, hi = self._span(rows)[0]
+            copy_oriented(layer[lo:hi], target[slice(*rows)], False, o.flip_rows, o.flip_columns)
+        mask_nodata(self._heights[slice(*rows)], target[slice(*rows)])

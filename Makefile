@@ -1,0 +1,49 @@
+# Thin words over the tools. Nothing is needed beforehand but Python >= 3.11 and make.
+PYTHON ?= $(shell command -v python3.13 || command -v python3.12 || command -v python3.11 || command -v python3)
+VENV ?= .venv
+BIN = $(VENV)/bin
+STAMP = $(VENV)/.installed
+
+.DEFAULT_GOAL := help
+.PHONY: help install demo test stress check format bench openapi clean
+
+help: ## List these targets
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+install: $(STAMP) ## Make the virtual environment with pinned packages
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "Adret needs Python 3.11 or newer; say where: make PYTHON=/path/to/python3.12"'
+	@echo "Installing into $(VENV) ..."
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[service,dev]"
+	@touch $(STAMP)
+
+demo: $(STAMP) ## Light the Aletsch region: horizons, sky view, shadow, a lit picture
+	@$(BIN)/python examples/demo.py
+
+test: $(STAMP) ## Run the tests (library, command line, service through a real server)
+	$(BIN)/python -m pytest -q
+
+stress: $(STAMP) ## Run the slow checks
+	$(BIN)/python -m pytest -q -m slow
+
+check: $(STAMP) ## Lint, types, import directions
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(STAMP) ## Format and fix what can be fixed
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+bench: $(STAMP) ## Measure run time against error, with peers; writes benchmarks/results
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[service,dev,bench]"
+	$(BIN)/python benchmarks/horizon.py
+
+openapi: $(STAMP) ## Regenerate openapi/
+	$(BIN)/python -m adret_service.openapi
+
+clean: ## Remove the virtual environment and what the demo wrote
+	rm -rf $(VENV) demo-output

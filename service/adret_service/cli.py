@@ -1,0 +1,109 @@
+"""Commands that the service adds to ``adret``: serve, worker and submit."""
+
+import ipaddress
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to `app`; what they need is imported when one of them runs."""
+    app.command()(serve)
+    app.command()(worker)
+    app.command()(submit)
+
+
+def serve(
+    host: Annotated[str | None, typer.Option(help="Address to listen on.")] = None,
+    port: Annotated[int | None, typer.Option(help="Port to listen on; 0 takes a free one.")] = None,
+    data_dir: Annotated[
+        Path | None, typer.Option(help="Folder of database, datasets and results.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Worker processes to keep running.")] = None,
+    role: Annotated[
+        str | None, typer.Option(help="all: API and workers; api: the API alone.")
+    ] = None,
+) -> None:
+    """Serve the HTTP API, with workers that run its jobs."""
+    given = {"host": host, "port": port, "data_dir": data_dir, "workers": workers, "role": role}
+    settings = settings_or_exit(given)
+    refuse_open_door(settings.host, settings.allow_insecure_bind)
+
+    from adret_service.server import serve as run
+
+    run(settings)
+
+
+def worker(
+    data_dir: Annotated[
+        Path | None, typer.Option(help="Folder of database, datasets and results.")
+    ] = None,
+) -> None:
+    """Run jobs of a service that was started with --role api."""
+    settings = settings_or_exit({"data_dir": data_dir})
+
+    from adret_service.worker import run_worker, set_up_logging
+
+    set_up_logging(settings)
+    run_worker(settings)
+
+
+def submit(
+    dem: Annotated[Path, typer.Argument(help="Elevation raster to send.")],
+    process: Annotated[str, typer.Option(help="horizon, sky-view, openness, shadow or light.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="GeoTIFF to write.")],
+    directions: Annotated[int | None, typer.Option(help="Number of azimuths.")] = None,
+    option: Annotated[
+        list[str] | None,
+        typer.Option("--input", "-i", help="Another input of the process, as name=value in JSON."),
+    ] = None,
+    preview: Annotated[Path | None, typer.Option(help="PNG to write as well.")] = None,
+    url: Annotated[
+        str, typer.Option(envvar="ADRET_URL", help="Address of the service.")
+    ] = "http://127.0.0.1:8000",
+    overwrite: Annotated[bool, typer.Option(help="Replace files that exist.")] = False,
+) -> None:
+    """Have a computation done by a service: send, wait, fetch. Ctrl-C cancels the job."""
+    from adret_service.client import ClientError, parse_inputs, run_submit
+
+    try:
+        inputs = parse_inputs(directions, option or [])
+        run_submit(url, dem, process, inputs, out, preview, overwrite=overwrite)
+    except ClientError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(2) from None
+    except KeyboardInterrupt:
+        raise typer.Exit(130) from None
+
+
+def settings_or_exit(given: dict[str, Any]) -> Any:
+    """Build the settings from options and environment, or say what is wrong and exit with 2."""
+    from pydantic import ValidationError
+
+    from adret_service.settings import Settings
+
+    try:
+        return Settings(**{key: value for key, value in given.items() if value is not None})
+    except ValidationError as error:
+        for entry in error.errors():
+            field = ".".join(str(part) for part in entry["loc"]) or "settings"
+            typer.echo(f"{field}: {entry['msg']}, got {entry['input']!r}", err=True)
+        raise typer.Exit(2) from None
+
+
+def refuse_open_door(host: str, allowed: bool) -> None:
+    """Exit with 2 if `host` can be reached from other machines and nobody said that it may."""
+    try:
+        local = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        local = host == "localhost"
+    if not local and not allowed:
+        typer.echo(
+            f"host: must be a loopback address, because this service asks nobody who they are; "
+            f"got {host!r} (ADRET_ALLOW_INSECURE_BIND=1 serves everyone who can reach it)",
+            err=True,
+        )
+        raise typer.Exit(2)

@@ -1,0 +1,133 @@
+"""The database: two tables of ours beside the queue's own, in one file or one server."""
+
+import logging
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import sqlalchemy as sa
+from sqlalchemy import event
+from sqlalchemy.exc import OperationalError
+
+from adret_service.settings import Settings
+
+__all__ = ["datasets", "jobs", "open_database", "persist"]
+
+log = logging.getLogger("adret.service")
+
+T = TypeVar("T")
+
+SCHEMA_VERSION = 1
+
+tables = sa.MetaData()
+
+meta = sa.Table("adret_meta", tables, sa.Column("schema_version", sa.Integer, nullable=False))
+
+jobs = sa.Table(
+    "adret_jobs",
+    tables,
+    sa.Column("id", sa.String(26), primary_key=True),
+    sa.Column("tenant", sa.String(64), nullable=False),
+    sa.Column("process", sa.String(64), nullable=False),
+    sa.Column("dataset", sa.String(26), nullable=False, index=True),
+    sa.Column("inputs", sa.JSON, nullable=False),
+    sa.Column("status", sa.String(16), nullable=False, index=True),
+    sa.Column("progress", sa.Integer, nullable=False),
+    sa.Column("message", sa.Text, nullable=False),
+    sa.Column("error", sa.JSON, nullable=True),
+    sa.Column("created", sa.Float, nullable=False),
+    sa.Column("started", sa.Float, nullable=True),
+    sa.Column("updated", sa.Float, nullable=False),
+    sa.Column("finished", sa.Float, nullable=True),
+    sa.Column("revivals", sa.Integer, nullable=False),
+)
+
+datasets = sa.Table(
+    "adret_datasets",
+    tables,
+    sa.Column("id", sa.String(26), primary_key=True),
+    sa.Column("tenant", sa.String(64), nullable=False),
+    sa.Column("sha256", sa.String(64), nullable=False),
+    sa.Column("name", sa.Text, nullable=False),
+    sa.Column("upload_bytes", sa.BigInteger, nullable=False),
+    sa.Column("created", sa.Float, nullable=False),
+    sa.Column("key", sa.Text, nullable=False),
+    sa.Column("info", sa.JSON, nullable=False),
+    sa.UniqueConstraint("tenant", "sha256"),
+)
+
+
+def open_database(settings: Settings) -> sa.Engine:
+    """Open the database, creating our tables when they are missing.
+
+    A SQLite file runs in WAL mode with every commit synced: readers never wait for the writer,
+    and an accepted job survives a power cut.
+
+    Raises
+    ------
+    RuntimeError
+        If the tables were written by a newer or older, incompatible release.
+    """
+    url = sa.make_url(settings.database)
+    if url.get_backend_name() == "sqlite":
+        settings.data_dir.mkdir(parents=True, exist_ok=True)
+        engine = sa.create_engine(url, pool_size=10, max_overflow=30, pool_timeout=30)
+        event.listen(engine, "connect", _prepare_sqlite)
+        persist(lambda: _use_wal(engine), patience=30.0)
+    else:
+        engine = sa.create_engine(
+            url.set(drivername="postgresql+psycopg"), pool_size=10, pool_pre_ping=True
+        )
+    _create_tables(engine)
+    return engine
+
+
+def _prepare_sqlite(connection: Any, _record: Any) -> None:
+    connection.isolation_level = "IMMEDIATE"  # writers queue for the lock instead of failing late
+    connection.execute("PRAGMA busy_timeout=30000")
+    connection.execute("PRAGMA synchronous=FULL")
+
+
+def _use_wal(engine: sa.Engine) -> None:
+    with engine.connect() as connection:
+        connection.exec_driver_sql("PRAGMA journal_mode=WAL")
+
+
+def _create_tables(engine: sa.Engine) -> None:
+    with engine.begin() as connection:
+        if engine.dialect.name == "sqlite":
+            connection.exec_driver_sql("BEGIN IMMEDIATE")  # two first starts at once
+        else:
+            connection.exec_driver_sql("SELECT pg_advisory_xact_lock(7271538)")
+        tables.create_all(connection)
+        found = connection.execute(sa.select(meta.c.schema_version)).scalar()
+        if found is None:
+            connection.execute(meta.insert().values(schema_version=SCHEMA_VERSION))
+        elif found != SCHEMA_VERSION:
+            raise RuntimeError(
+                f"database schema: must be version {SCHEMA_VERSION}, got {found}; "
+                "finish the jobs with the release that wrote it, then start with a new data_dir"
+            )
+
+
+def persist(write: Callable[[], T], *, patience: float = 3600.0) -> T:
+    """Call `write` until it succeeds: a full disk or a lost connection only delays a job.
+
+    Parameters
+    ----------
+    write : callable
+        A transaction that may be repeated.
+    patience : float
+        Seconds after which the last error is raised.
+    """
+    deadline = time.monotonic() + patience
+    pause = 0.1
+    while True:
+        try:
+            return write()
+        except OperationalError as error:
+            if time.monotonic() > deadline:
+                raise
+            log.warning("database refused a write, trying again: %s", error.orig)
+            time.sleep(pause)
+            pause = min(2 * pause, 5.0)

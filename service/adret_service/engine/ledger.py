@@ -1,0 +1,162 @@
+"""The jobs table: every change of a job's state is one guarded UPDATE."""
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import sqlalchemy as sa
+
+from adret_service.database import datasets, jobs
+from adret_service.engine.port import FINISHED, JobRecord, JobStatus
+
+__all__ = ["OPEN", "SqlLedger"]
+
+OPEN = jobs.c.status.notin_([str(status) for status in FINISHED])
+
+
+def to_record(row: Any) -> JobRecord:
+    """Turn a row into a record."""
+    fields = dict(row._mapping)
+    fields["status"] = JobStatus(fields["status"])
+    return JobRecord(**fields)
+
+
+class SqlLedger:
+    """Job records in a SQL database.
+
+    A finished job never changes again: each update names the states it may leave, so of a
+    dismissal and a completion that race, the first one committed wins and the other is told.
+    """
+
+    def __init__(self, database: sa.Engine) -> None:
+        self.database = database
+
+    def get(self, job_id: str, tenant: str) -> JobRecord | None:
+        """Return the tenant's job or None."""
+        query = sa.select(jobs).where(jobs.c.id == job_id, jobs.c.tenant == tenant)
+        with self.database.connect() as connection:
+            row = connection.execute(query).first()
+        return None if row is None else to_record(row)
+
+    def list(
+        self,
+        tenant: str,
+        *,
+        status: JobStatus | None = None,
+        process: str | None = None,
+        limit: int = 100,
+        before: str | None = None,
+    ) -> list[JobRecord]:
+        """Return the tenant's jobs, newest first."""
+        query = sa.select(jobs).where(jobs.c.tenant == tenant)
+        if status is not None:
+            query = query.where(jobs.c.status == str(status))
+        if process is not None:
+            query = query.where(jobs.c.process == process)
+        if before is not None:
+            query = query.where(jobs.c.id < before)
+        with self.database.connect() as connection:
+            rows = connection.execute(query.order_by(jobs.c.id.desc()).limit(limit)).all()
+        return [to_record(row) for row in rows]
+
+    def insert(self, connection: sa.Connection, job: JobRecord) -> None:
+        """Add the row of a new job inside the caller's transaction.
+
+        Raises
+        ------
+        LookupError
+            If the tenant's dataset is gone.
+        """
+        dataset = sa.select(datasets.c.id).where(
+            datasets.c.id == job.dataset, datasets.c.tenant == job.tenant
+        )
+        fields = {column.name: getattr(job, column.name) for column in jobs.columns}
+        fields |= {"status": str(job.status), "inputs": dict(job.inputs)}
+        connection.execute(jobs.insert().values(**fields))
+        if connection.execute(dataset.with_for_update(read=True)).first() is None:
+            raise LookupError(job.dataset)
+
+    def dismiss(self, job_id: str, tenant: str) -> bool:
+        """Mark an unfinished job dismissed; False if it was finished or unknown."""
+        return self._change(
+            job_id,
+            jobs.c.tenant == tenant,
+            status=str(JobStatus.DISMISSED),
+            message="dismissed",
+            finished=time.time(),
+        )
+
+    def delete(self, job_id: str, tenant: str) -> bool:
+        """Delete the row of a finished job."""
+        statement = jobs.delete().where(jobs.c.id == job_id, jobs.c.tenant == tenant, ~OPEN)
+        with self.database.begin() as connection:
+            return connection.execute(statement).rowcount == 1
+
+    def count(self, status: JobStatus) -> int:
+        """Return how many jobs of all tenants are in this state."""
+        query = sa.select(sa.func.count()).where(jobs.c.status == str(status))
+        with self.database.connect() as connection:
+            return int(connection.execute(query).scalar_one())
+
+    def begin(self, job_id: str) -> JobRecord | None:
+        """Mark the job running; None if it is gone or finished."""
+        now = time.time()
+        if not self._change(
+            job_id,
+            status=str(JobStatus.RUNNING),
+            message="running",
+            started=sa.func.coalesce(jobs.c.started, now),
+        ):
+            return None
+        with self.database.connect() as connection:
+            row = connection.execute(sa.select(jobs).where(jobs.c.id == job_id)).first()
+        return None if row is None else to_record(row)
+
+    def wanted(self, job_id: str) -> bool:
+        """Whether the job is still to be run."""
+        query = sa.select(jobs.c.id).where(jobs.c.id == job_id, OPEN)
+        with self.database.connect() as connection:
+            return connection.execute(query).first() is not None
+
+    def progress(self, job_id: str, percent: int, message: str) -> None:
+        """Note progress of a running job."""
+        self._change(job_id, progress=percent, message=message)
+
+    def revived(self, job_id: str) -> int | None:
+        """Count one more death of the job's worker; None if the job is finished."""
+        if not self._change(
+            job_id, revivals=jobs.c.revivals + 1, message="its worker died; waiting for another"
+        ):
+            return None
+        query = sa.select(jobs.c.revivals).where(jobs.c.id == job_id)
+        with self.database.connect() as connection:
+            return connection.execute(query).scalar()
+
+    def succeed(self, job_id: str) -> bool:
+        """Mark success; False if the job was dismissed meanwhile."""
+        return self._change(
+            job_id,
+            status=str(JobStatus.SUCCESSFUL),
+            progress=100,
+            message="done",
+            finished=time.time(),
+        )
+
+    def fail(self, job_id: str, error: Mapping[str, Any]) -> bool:
+        """Mark failure; False if the job was dismissed meanwhile."""
+        return self._change(
+            job_id,
+            status=str(JobStatus.FAILED),
+            message=str(error["detail"]),
+            error=dict(error),
+            finished=time.time(),
+        )
+
+    def _change(self, job_id: str, *conditions: Any, **values: Any) -> bool:
+        statement = (
+            jobs.update()
+            .where(jobs.c.id == job_id, OPEN, *conditions)
+            .values(updated=time.time(), **values)
+        )
+        with self.database.begin() as connection:
+            return connection.execute(statement).rowcount == 1

@@ -1,0 +1,123 @@
+"""The in-memory twin of the durable engine, for tests: same port, nothing survives."""
+
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from adret_service.engine.port import EngineHealth, JobRecord, JobStatus
+
+__all__ = ["MemoryEngine"]
+
+
+class MemoryEngine:
+    """Keeps jobs in a dict; `workers` is what it claims about live workers."""
+
+    def __init__(self, *, workers: int = 1) -> None:
+        self._jobs: dict[str, JobRecord] = {}
+        self._lock = threading.Lock()
+        self.workers = workers
+
+    def submit(self, job: JobRecord) -> JobRecord:
+        """Accept a job."""
+        now = time.time()
+        with self._lock:
+            self._jobs[job.id] = replace(job, created=now, updated=now)
+            return self._jobs[job.id]
+
+    def get(self, job_id: str, tenant: str) -> JobRecord | None:
+        """Return the tenant's job or None."""
+        job = self._jobs.get(job_id)
+        return job if job is not None and job.tenant == tenant else None
+
+    def list(
+        self,
+        tenant: str,
+        *,
+        status: JobStatus | None = None,
+        process: str | None = None,
+        limit: int = 100,
+        before: str | None = None,
+    ) -> list[JobRecord]:
+        """Return the tenant's jobs, newest first."""
+        found = [
+            job
+            for job in sorted(self._jobs.values(), key=lambda job: job.id, reverse=True)
+            if job.tenant == tenant
+            and (status is None or job.status == status)
+            and (process is None or job.process == process)
+            and (before is None or job.id < before)
+        ]
+        return found[:limit]
+
+    def cancel(self, job_id: str, tenant: str) -> JobRecord | None:
+        """Dismiss an unfinished job."""
+        if self.get(job_id, tenant) is None:
+            return None
+        self._change(job_id, status=JobStatus.DISMISSED, message="dismissed", finished=time.time())
+        return self.get(job_id, tenant)
+
+    def remove(self, job_id: str, tenant: str) -> bool:
+        """Forget a finished job."""
+        job = self.get(job_id, tenant)
+        if job is None or not job.is_finished:
+            return False
+        with self._lock:
+            return self._jobs.pop(job_id, None) is not None
+
+    def health(self) -> EngineHealth:
+        """Count the jobs."""
+        states = [job.status for job in self._jobs.values()]
+        return EngineHealth(
+            waiting=states.count(JobStatus.ACCEPTED),
+            running=states.count(JobStatus.RUNNING),
+            workers=self.workers,
+        )
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def begin(self, job_id: str) -> JobRecord | None:
+        """Mark the job running."""
+        started = self._change(
+            job_id, status=JobStatus.RUNNING, message="running", started=time.time()
+        )
+        return self._jobs[job_id] if started else None
+
+    def wanted(self, job_id: str) -> bool:
+        """Whether the job is still to be run."""
+        job = self._jobs.get(job_id)
+        return job is not None and not job.is_finished
+
+    def progress(self, job_id: str, percent: int, message: str) -> None:
+        """Note progress."""
+        self._change(job_id, progress=percent, message=message)
+
+    def succeed(self, job_id: str) -> bool:
+        """Mark success."""
+        return self._change(
+            job_id,
+            status=JobStatus.SUCCESSFUL,
+            progress=100,
+            message="done",
+            finished=time.time(),
+        )
+
+    def fail(self, job_id: str, error: Mapping[str, Any]) -> bool:
+        """Mark failure."""
+        return self._change(
+            job_id,
+            status=JobStatus.FAILED,
+            message=str(error["detail"]),
+            error=dict(error),
+            finished=time.time(),
+        )
+
+    def _change(self, job_id: str, **changes: Any) -> bool:
+        with self._lock:
+            job = self._jobs.get(job_id)
+            if job is None or job.is_finished:
+                return False
+            self._jobs[job_id] = replace(job, updated=time.time(), **changes)
+            return True

@@ -1,0 +1,111 @@
+"""What the service asks of a job engine, and the records they exchange."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Protocol
+
+__all__ = ["FINISHED", "EngineHealth", "JobEngine", "JobLedger", "JobRecord", "JobStatus"]
+
+
+class JobStatus(StrEnum):
+    """States of a job, by the names of OGC API - Processes."""
+
+    ACCEPTED = "accepted"  # waits in the queue
+    RUNNING = "running"  # a worker has it, or had it and died: it will run again
+    SUCCESSFUL = "successful"  # its manifest is written
+    FAILED = "failed"  # its error is kept
+    DISMISSED = "dismissed"  # cancelled by its owner
+
+
+FINISHED = frozenset({JobStatus.SUCCESSFUL, JobStatus.FAILED, JobStatus.DISMISSED})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobRecord:
+    """One job as the database knows it; times are Unix seconds, progress is percent."""
+
+    id: str
+    tenant: str
+    process: str
+    dataset: str
+    inputs: Mapping[str, Any]
+    status: JobStatus = JobStatus.ACCEPTED
+    progress: int = 0
+    message: str = "waiting for a worker"
+    error: Mapping[str, Any] | None = None
+    created: float = 0.0
+    started: float | None = None
+    updated: float = 0.0
+    finished: float | None = None
+    revivals: int = 0
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the job has reached its last state."""
+        return self.status in FINISHED
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EngineHealth:
+    """What readiness needs to know."""
+
+    waiting: int
+    running: int
+    workers: int
+    details: Mapping[str, str] = field(default_factory=dict)
+
+
+class JobEngine(Protocol):
+    """The API's side: accept, look up, cancel, remove. Every call is scoped to a tenant."""
+
+    def submit(self, job: JobRecord) -> JobRecord:
+        """Accept a job durably: when this returns, the job will be run.
+
+        Raises LookupError if its dataset is gone.
+        """
+
+    def get(self, job_id: str, tenant: str) -> JobRecord | None:
+        """Return the job, or None if this tenant has no such job."""
+
+    def list(
+        self,
+        tenant: str,
+        *,
+        status: JobStatus | None = None,
+        process: str | None = None,
+        limit: int = 100,
+        before: str | None = None,
+    ) -> list[JobRecord]:
+        """Return the tenant's jobs, newest first, those with an id below `before`."""
+
+    def cancel(self, job_id: str, tenant: str) -> JobRecord | None:
+        """Dismiss an unfinished job at once; a finished one is returned as it is."""
+
+    def remove(self, job_id: str, tenant: str) -> bool:
+        """Forget a finished job; False if it is unknown or not finished."""
+
+    def health(self) -> EngineHealth:
+        """Return queue depth and live workers; raises if the database cannot be written."""
+
+    def close(self) -> None:
+        """Let go of connections."""
+
+
+class JobLedger(Protocol):
+    """The worker's side: the only changes that a running job can make to its record."""
+
+    def begin(self, job_id: str) -> JobRecord | None:
+        """Mark the job running; None if it is gone or finished already."""
+
+    def wanted(self, job_id: str) -> bool:
+        """Whether the job is still to be run (False once dismissed or removed)."""
+
+    def progress(self, job_id: str, percent: int, message: str) -> None:
+        """Note progress of a running job."""
+
+    def succeed(self, job_id: str) -> bool:
+        """Mark success; False if the job was dismissed meanwhile."""
+
+    def fail(self, job_id: str, error: Mapping[str, Any]) -> bool:
+        """Mark failure; False if the job was dismissed meanwhile."""

@@ -1,0 +1,110 @@
+"""What can be computed, and the order to compute it."""
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from adret_service import processes
+from adret_service.context import BaseUrl, ServiceDep, Tenant
+from adret_service.engine.port import JobRecord
+from adret_service.ids import new_id
+from adret_service.problems import NO_SUCH_PROCESS, FieldError, Problem, invalid
+from adret_service.routes.datasets import require_room
+from adret_service.routes.jobs import status_info
+
+router = APIRouter(tags=["processes"])
+
+
+class Execute(BaseModel):
+    """An order: the inputs of a process, and how its outputs are wanted."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    inputs: dict[str, Any] = Field(default_factory=dict)
+    outputs: dict[str, Any] | None = Field(
+        default=None, description="Outputs that are wanted; all are made whatever it says."
+    )
+    response: Literal["document", "raw"] = Field(
+        default="document", description="Results are always served by reference."
+    )
+
+
+@router.get("/processes", operation_id="getProcesses")
+def list_processes(
+    base: BaseUrl,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    offset: Annotated[int, Query(ge=0, le=1_000_000)] = 0,
+) -> dict[str, Any]:
+    """List the processes."""
+    names = processes.names()
+    links = [_link("self", f"{base}/processes?limit={limit}&offset={offset}")]
+    if offset + limit < len(names):
+        links.append(_link("next", f"{base}/processes?limit={limit}&offset={offset + limit}"))
+    return {
+        "processes": [
+            processes.summary(name) | {"links": [_link("self", f"{base}/processes/{name}")]}
+            for name in names[offset : offset + limit]
+        ],
+        "links": links,
+    }
+
+
+@router.get("/processes/{process_id}", operation_id="getProcessDescription")
+def describe_process(process_id: str, base: BaseUrl) -> dict[str, Any]:
+    """Describe a process: its inputs as JSON Schema, its outputs, its limits."""
+    _known(process_id)
+    execute = f"{base}/processes/{process_id}/execution"
+    return processes.description(process_id) | {
+        "links": [_link("http://www.opengis.net/def/rel/ogc/1.0/execute", execute)]
+    }
+
+
+@router.post("/processes/{process_id}/execution", status_code=201, operation_id="execute")
+def execute_process(
+    process_id: str,
+    order: Execute,
+    request: Request,
+    response: Response,
+    service: ServiceDep,
+    tenant: Tenant,
+    base: BaseUrl,
+) -> dict[str, Any]:
+    """Order a computation; it runs in a worker, and `Location` is its job."""
+    _known(process_id)
+    dataset, inputs = processes.validated(process_id, order.inputs)
+    unknown = FieldError("inputs.dataset", "the id of an existing dataset", dataset)
+    if service.catalogue.get(dataset, tenant) is None:
+        raise invalid(unknown)
+    _wanted_outputs(process_id, order.outputs)
+    require_room(service)
+    waiting = service.engine.health().waiting
+    if waiting >= service.settings.queue_max:
+        detail = f"queue: must be below {service.settings.queue_max} waiting jobs, got {waiting}"
+        raise Problem(503, detail, headers={"Retry-After": "30"})
+    job = JobRecord(id=new_id(), tenant=tenant, process=process_id, dataset=dataset, inputs=inputs)
+    try:
+        job = service.engine.submit(job)
+    except LookupError:
+        raise invalid(unknown) from None
+    response.headers["Location"] = f"{base}/jobs/{job.id}"
+    if "respond-async" in request.headers.get("prefer", ""):
+        response.headers["Preference-Applied"] = "respond-async"
+    return status_info(job, base)
+
+
+def _known(process_id: str) -> None:
+    if process_id not in processes.names():
+        raise Problem(404, "no such process", type_=NO_SUCH_PROCESS)
+
+
+def _wanted_outputs(process_id: str, outputs: dict[str, Any] | None) -> None:
+    made = processes.description(process_id)["outputs"]
+    unknown = [name for name in outputs or {} if name not in made]
+    if unknown:
+        limit = f"left out: the outputs are {', '.join(made)}"
+        raise invalid(*(FieldError(f"outputs.{name}", limit, name) for name in unknown))
+
+
+def _link(rel: str, href: str) -> dict[str, str]:
+    return {"rel": rel, "type": "application/json", "href": href}

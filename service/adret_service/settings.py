@@ -1,0 +1,107 @@
+"""Everything an operator can set, as ``ADRET_*`` environment variables or arguments."""
+
+import os
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+__all__ = ["WORKFLOW_VERSION", "Settings"]
+
+# Raised only when a job of the old version could not be finished by the new code.
+WORKFLOW_VERSION = "adret-wf-1"
+
+KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
+
+
+def _default_data_dir() -> Path:
+    base = os.environ.get("XDG_DATA_HOME")
+    return (Path(base) if base else Path.home() / ".local" / "share") / "adret"
+
+
+class Settings(BaseSettings):
+    """Settings of one service; immutable once built.
+
+    Sizes are bytes and times are seconds unless the name says otherwise.
+
+    Examples
+    --------
+    >>> Settings(data_dir="/tmp/adret", port=8001).store_dir.as_posix()
+    '/tmp/adret/store'
+    """
+
+    model_config = SettingsConfigDict(env_prefix="ADRET_", frozen=True, extra="forbid")
+
+    data_dir: Path = Field(default_factory=_default_data_dir)
+    database_url: str = ""
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=8000, ge=0, le=65535)
+    base_url: str = ""
+    allow_insecure_bind: bool = False
+    role: Literal["all", "api"] = "all"
+
+    workers: int = Field(default=1, ge=0, le=256)
+    job_slots: int = Field(default=1, ge=1, le=64)
+    threads_per_job: int = Field(default=0, ge=0)
+    job_timeout: float = Field(default=86400.0, gt=0)
+    job_max_attempts: int = Field(default=3, ge=1)
+    job_max_revivals: int = Field(default=20, ge=1)
+    cancel_grace: float = Field(default=0.2, ge=0)
+    queue_poll: float = Field(default=0.25, gt=0)
+    queue_max: int = Field(default=1000, ge=1)
+    liveness_interval: float = Field(default=2.0, gt=0)
+
+    max_body_bytes: int = Field(default=1 * MIB, ge=1)
+    max_upload_bytes: int = Field(default=2 * GIB, ge=1)
+    max_pixels: int = Field(default=1_000_000_000, ge=1)
+    max_dim: int = Field(default=200_000, ge=1)
+    max_bands: int = Field(default=16, ge=1)
+    max_block_bytes: int = Field(default=64 * MIB, ge=1)
+    max_ratio: float = Field(default=200.0, gt=1)
+    ratio_floor_bytes: int = Field(default=64 * MIB, ge=0)
+    ingest_memory: int = Field(default=4 * GIB, ge=256 * MIB)
+    ingest_timeout: float = Field(default=120.0, gt=0)
+    ingest_slots: int = Field(default=2, ge=1)
+    upload_idle: float = Field(default=60.0, gt=0)
+    min_free_bytes: int = Field(default=1 * GIB, ge=0)
+
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+
+    @model_validator(mode="after")
+    def _threads_fit(self) -> Self:
+        cores = os.cpu_count() or 1
+        wanted = max(self.workers, 1) * self.job_slots * self.threads_per_job
+        if wanted > cores:
+            raise ValueError(
+                f"workers × job_slots × threads_per_job: must be at most {cores} (cores), "
+                f"got {wanted}"
+            )
+        return self
+
+    @property
+    def threads(self) -> int:
+        """Kernel threads of one job: as asked, or the cores shared among all slots."""
+        cores = os.cpu_count() or 1
+        return self.threads_per_job or max(1, cores // (max(self.workers, 1) * self.job_slots))
+
+    @property
+    def database(self) -> str:
+        """URL of the database that holds jobs, datasets and the queue."""
+        return self.database_url or f"sqlite:///{self.data_dir.absolute() / 'adret.db'}"
+
+    @property
+    def store_dir(self) -> Path:
+        """Folder of finished artefacts."""
+        return self.data_dir / "store"
+
+    @property
+    def scratch_dir(self) -> Path:
+        """Folder of work in progress, on the same file system as the store."""
+        return self.data_dir / "tmp"
+
+    @property
+    def locks_dir(self) -> Path:
+        """Folder of the locks that tell live processes from dead ones."""
+        return self.data_dir / "locks"

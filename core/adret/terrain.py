@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from adret import geodesy, rasters
+from adret import _heights, geodesy, rasters
 from adret.errors import InputError
 from adret.geodesy import Band
 
@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Terrain"]
 
-MAX_HEIGHT = 1e9
 CELL_LIMITS = (1e-6, 1e7)
-_BLOCK = 1 << 22
 
 
 class Terrain:
@@ -87,7 +85,7 @@ class Terrain:
         datum: float | None = None,
         vertical_unit: str = "m",
     ) -> None:
-        values, masked = _checked_array(heights)
+        values, masked = _heights.checked_array(heights)
         self._crs = geodesy.parse_crs(crs)
         self._transform = _checked_transform(transform)
         if cell_size is None:
@@ -96,7 +94,7 @@ class Terrain:
             cell_size = geodesy.cell_size(self._crs, self._transform, values.shape)
         self._cell_size = _checked_cell_size(cell_size)
         factor = geodesy.vertical_factor(vertical_unit)
-        self._heights, self._datum = _above_datum(values, masked, factor, datum)
+        self._heights, self._datum = _heights.above_datum(values, masked, factor, datum)
         self._root_rows = (0, values.shape[0])
         self._left = 0
         self._core = (slice(0, values.shape[0]), slice(0, values.shape[1]))
@@ -321,23 +319,6 @@ class Terrain:
         return f"Terrain({self.shape[0]} x {self.shape[1]}, {dx:g} x {dy:g} m, {name})"
 
 
-def _checked_array(heights: ArrayLike) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
-    """The caller's array as it is, and its mask."""
-    mask = np.ma.getmask(heights)
-    values = np.ma.getdata(heights) if isinstance(heights, np.ma.MaskedArray) else heights
-    try:
-        array = np.asarray(values)
-    except ValueError:
-        raise InputError("heights", "a two-dimensional array", type(heights).__name__) from None
-    if array.dtype.kind not in "iuf":
-        raise InputError("heights", "real numbers", array.dtype.name)
-    if array.ndim != 2:
-        raise InputError("heights", "two-dimensional (rows, columns)", f"shape {array.shape}")
-    if array.size == 0:
-        raise InputError("heights", "at least 1 x 1 cells", f"shape {array.shape}")
-    return array, None if mask is np.ma.nomask else np.asarray(mask)
-
-
 def _checked_cell_size(cell_size: Any) -> tuple[float, float]:
     try:
         dx, dy = (float(v) for v in cell_size)
@@ -363,43 +344,3 @@ def _checked_transform(transform: Any) -> "Affine | None":
     if not all(math.isfinite(v) for v in affine[:6]) or not (a > 0.0 > e and b == 0.0 == d):
         raise InputError("transform", "north-up, without rotation", tuple(affine[:6]))
     return affine
-
-
-def _above_datum(
-    values: NDArray[Any],
-    masked: NDArray[np.bool_] | None,
-    factor: float,
-    datum: float | None,
-) -> tuple[NDArray[np.float32], float]:
-    """Metres above the datum, and the datum; in blocks of rows to spare memory."""
-    step = max(1, _BLOCK // values.shape[1])
-    blocks = [slice(r, r + step) for r in range(0, values.shape[0], step)]
-
-    def metres(rows: slice) -> NDArray[np.float64]:
-        block = values[rows].astype(np.float64)
-        if masked is not None:
-            block[masked[rows]] = np.nan
-        return np.multiply(block, factor, out=block)
-
-    low, high = math.inf, -math.inf
-    for rows in blocks:
-        block = metres(rows)
-        low = min(low, float(np.fmin.reduce(block, axis=None, initial=math.inf)))
-        high = max(high, float(np.fmax.reduce(block, axis=None, initial=-math.inf)))
-        if (block == math.inf).any():
-            raise InputError("heights", "finite or NaN", math.inf)
-    if math.isinf(low) and low > 0.0:
-        raise InputError("heights", "a number in at least one cell", "all nodata")
-    for value in (low, high):
-        if not abs(value) <= MAX_HEIGHT:
-            limit = f"within +-{MAX_HEIGHT:g} m (is a nodata value undeclared?)"
-            raise InputError("heights", "finite or NaN" if math.isinf(value) else limit, value)
-    if datum is None:
-        datum = float(round(low / 2.0 + high / 2.0))
-    elif not abs(datum) <= MAX_HEIGHT:
-        raise InputError("datum", f"a height within +-{MAX_HEIGHT:g} m", datum)
-    heights = np.empty(values.shape, dtype=np.float32)
-    for rows in blocks:
-        np.subtract(metres(rows), float(datum), out=heights[rows], casting="same_kind")
-    heights.setflags(write=False)
-    return heights, float(datum)

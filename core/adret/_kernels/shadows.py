@@ -1,0 +1,25 @@
+"""Shadow codes of one sun from one layer of horizon slopes."""
+
+import numpy as np
+
+from adret._kernels.jit import parallel_kernel, prange
+
+LIT = np.uint8(0)
+SELF_SHADOWED = np.uint8(1)
+CAST_SHADOW = np.uint8(2)
+MASKED = np.uint8(3)
+
+
+@parallel_kernel
+def shadow_codes(slope, to_east, to_north, sin_azimuth, cos_azimuth, sun_slope, code):
+    """Compare the sun's centre, of slope tan(elevation), with the cell's plane and its horizon."""
+    for y in prange(slope.shape[0]):
+        layer = slope[y]
+        p = to_east[y]
+        q = to_north[y]
+        out = code[y]
+        for x in range(len(out)):
+            tp = p[x] * sin_azimuth + q[x] * cos_azimuth
+            cast = CAST_SHADOW if layer[x] >= sun_slope else LIT
+            lit = SELF_SHADOWED if tp >= sun_slope else cast
+            out[x] = lit if layer[x] == layer[x] else MASKED

@@ -1,0 +1,18 @@
+"""The horizon's options as keywords of the functions that sweep horizons themselves."""
+
+from typing import TypedDict
+
+from adret.horizon import HorizonOptions, Method
+
+__all__ = ["HorizonKeywords", "HorizonOptions"]
+
+
+class HorizonKeywords(TypedDict, total=False):
+    """Options of `adret.horizon_map` that other functions pass on; see there."""
+
+    method: Method
+    near: int
+    max_distance: float | None
+    radius: float | None
+    refraction: float
+    observer_height: float

@@ -1,0 +1,208 @@
+"""Direct light: what a sky sends straight to each cell of a terrain."""
+
+from dataclasses import dataclass
+from typing import Any, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from adret._kernels import light as kernels
+from adret._kernels import normals as normal_kernels
+from adret.azimuths import azimuth_set
+from adret.errors import InputError
+from adret.horizon import HorizonOptions, HorizonRun, Progress
+from adret.horizon_keywords import HorizonKeywords
+from adret.layer_sum import LayerSum
+from adret.normals import surface_slopes
+from adret.report import RunReport
+from adret.slices import LightSlice, Receivers, Sky
+from adret.terrain import Terrain
+
+__all__ = ["Light", "direct_light"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Light:
+    """Irradiance of a terrain.
+
+    Attributes
+    ----------
+    irradiance : ndarray, shape (rows, columns) or (rows, columns, 3), float32
+        On the tilted cell, in the unit of the sky (radiance times steradian); NaN at nodata.
+    terrain : Terrain
+    report : RunReport
+        What was swept, and what could be skipped.
+    """
+
+    irradiance: NDArray[np.float32]
+    terrain: Terrain
+    report: RunReport
+
+    def radiance(self, albedo: ArrayLike = 1.0) -> NDArray[np.float32]:
+        """Radiance that Lambertian ground sends back, albedo·irradiance/π.
+
+        Parameters
+        ----------
+        albedo : float, or array_like of shape (rows, columns), (3,) or (rows, columns, 3)
+            Reflected share, 0 to 1; NaN cells of an array stay NaN. Three values are red, green
+            and blue, also under a sky of one band.
+
+        Returns
+        -------
+        ndarray, shape (rows, columns) or (rows, columns, 3), float32
+            In the unit of the sky's radiance; NaN at nodata.
+
+        Raises
+        ------
+        InputError
+            If a value is outside [0, 1] or the shape does not fit.
+
+        Examples
+        --------
+        >>> import numpy as np, adret
+        >>> flat = adret.Terrain(np.zeros((3, 3)), (1.0, 1.0))
+        >>> light = adret.direct_light(flat, adret.UniformSky(2.0))
+        >>> round(float(light.radiance(0.5)[1, 1]), 6)
+        1.0
+        """
+        shape = self.terrain.shape
+        try:
+            share = np.asarray(albedo, dtype=np.float32)
+        except (TypeError, ValueError):
+            raise InputError("albedo", "numbers between 0 and 1", albedo) from None
+        if share.shape not in ((), (3,), shape, (*shape, 3)):
+            limit = f"one number, three, or of shape {shape} or {(*shape, 3)}"
+            raise InputError("albedo", limit, f"shape {share.shape}")
+        wrong = (share < 0.0) | (share > 1.0)
+        if share.shape != shape:
+            wrong |= np.isnan(share)  # nodata is a matter of cells
+        if wrong.any():
+            raise InputError("albedo", "between 0 and 1", float(share[wrong][0]))
+        irradiance = self.irradiance
+        if share.shape == shape and irradiance.ndim == 3:
+            share = share[:, :, None]
+        elif share.ndim in (1, 3) and irradiance.ndim == 2:
+            irradiance = irradiance[:, :, None]
+        return np.asarray(share * irradiance * np.float32(1.0 / np.pi), dtype=np.float32)
+
+
+def direct_light(
+    terrain: Terrain,
+    sky: Sky,
+    directions: int = 64,
+    *,
+    normals: ArrayLike | None = None,
+    progress: Progress | None = None,
+    **horizon: Unpack[HorizonKeywords],
+) -> Light:
+    """Irradiance on every tilted cell, straight from the sky.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    sky : UniformSky, OvercastSky, Sun or Environment
+        Where the light comes from.
+    directions : int
+        Number of azimuths of a whole sky. A sun up to 1° wide is one azimuth whatever this says.
+    normals : array_like, shape (3, rows, columns), optional
+        Normals (east, north, up) to light instead of `surface_normals(terrain)`; of any length,
+        up above 0; cells with NaN get NaN.
+    progress : callable, optional
+        Called with (azimuths done, azimuths in all); an exception from it ends the run.
+    **horizon
+        method, near, max_distance, radius, refraction and observer_height of `horizon_map`.
+
+    Returns
+    -------
+    Light
+
+    Raises
+    ------
+    InputError
+        If an option is out of range.
+
+    Notes
+    -----
+    In each slice of azimuth φ the cell sees the sky above e = max(h, hp): the horizon, or its own
+    plane hp = atan(-(n_e sin φ + n_n cos φ)/n_u). Paper P1 (eq. 6) tabulates the slice's light over
+    normal angle and horizon angle. But the normal enters the integral linearly, so two tables over
+    e alone give it without interpolating normals: n_h A(e) + n_u B(e), with n_h = n_e sin φ + n_n
+    cos φ, A and B the integrals of L cos² e and of L sin e cos e over the slice. Uniform and
+    overcast skies have A and B in closed form. A sun is a sky whose slices are strips of its disc:
+    there is one path for point, area and sky light.
+
+    Azimuths that are dark above the lowest plane of any cell are not swept; `report` counts them.
+
+    References
+    ----------
+    V. Timonen and J. Westerholm, "Scalable Height Field Self-Shadowing", 2010, section 6.
+
+    Examples
+    --------
+    >>> import numpy as np, adret
+    >>> flat = adret.Terrain(np.zeros((5, 5)), (1.0, 1.0))
+    >>> light = adret.direct_light(flat, adret.Sun(180.0, 30.0, irradiance=1000.0))
+    >>> round(float(light.irradiance[2, 2]), 2), light.report.azimuths_swept
+    (500.0, 1)
+    """
+    if not isinstance(terrain, Terrain):
+        raise InputError("terrain", "a Terrain", type(terrain).__name__)
+    count = len(azimuth_set(directions))
+    options = HorizonOptions(**horizon)
+    receivers = Receivers(*_slopes(terrain, normals))
+    slices = sky.slices(count)
+    lit = lit_slices(slices, receivers)
+    azimuths = np.array([each.azimuth for each in lit], dtype=np.float64)
+    skipped = max(count, len(slices)) - len(lit)
+    run = HorizonRun(terrain, azimuths, options, progress, skipped=skipped)
+    total = LayerSum((sky.bands, *terrain.shape), len(lit))
+    for k, slope in run.layers():
+        lit[k].add(slope, receivers, total.layer)
+        total.added()
+    irradiance = np.empty((*terrain.shape, sky.bands), dtype=np.float32)
+    kernels.finish(receivers.to_east, receivers.to_north, total.total(), irradiance)
+    if sky.bands == 1:
+        irradiance = irradiance[:, :, 0]
+    return Light(irradiance, terrain, run.report())
+
+
+def lit_slices(slices: list[Any], receivers: Receivers) -> list[Any]:
+    """The slices that are not dark above the lowest plane of any receiver."""
+    candidates: list[LightSlice] = [each for each in slices if not each.dark_above(-np.pi / 2.0)]
+    # Only slices that are dark above the horizontal need to know how low the planes look.
+    low = [each for each in candidates if each.dark_above(0.0)]
+    if not low:
+        return candidates
+    azimuth = np.array([each.azimuth for each in low])
+    lowest = np.empty((len(receivers.to_east), len(low)), dtype=np.float32)
+    normal_kernels.lowest_plane_slopes(
+        receivers.to_east,
+        receivers.to_north,
+        np.sin(azimuth).astype(np.float32),
+        np.cos(azimuth).astype(np.float32),
+        lowest,
+    )
+    planes = np.arctan(lowest.min(axis=0).astype(np.float64))
+    dark = {id(each) for each, plane in zip(low, planes, strict=True) if each.dark_above(plane)}
+    return [each for each in candidates if id(each) not in dark]
+
+
+def _slopes(
+    terrain: Terrain, normals: ArrayLike | None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Slopes of the receiving planes; NaN wherever the terrain is nodata."""
+    if normals is None:
+        return surface_slopes(terrain)
+    given = np.asarray(normals)
+    if given.dtype.kind not in "iuf":
+        raise InputError("normals", "real numbers", str(given.dtype))
+    if given.shape != (3, *terrain.shape):
+        raise InputError("normals", f"of shape {(3, *terrain.shape)}", f"shape {given.shape}")
+    east, north, up = given.astype(np.float64)
+    if not (up[np.isfinite(up)] > 0.0).all() or np.isinf(given).any():
+        raise InputError("normals", "finite or NaN, up above 0", float(np.nanmin(up)))
+    outside = np.where(terrain.mask, np.nan, 0.0)
+    return (
+        np.asarray(outside - east / up, dtype=np.float32),
+        np.asarray(outside - north / up, dtype=np.float32),
+    )

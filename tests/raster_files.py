@@ -1,11 +1,13 @@
 """Small rasters on disk for the tests."""
 
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rasterio
 from affine import Affine
+from rasterio.errors import NotGeoreferencedWarning
 
 NORTH_UP = Affine(10.0, 0.0, 500_000.0, 0.0, -10.0, 5_000_000.0)
 
@@ -28,21 +30,23 @@ def save(
     count, rows, columns = stack.shape
     if transform is not None:
         profile["transform"] = transform
-    with rasterio.open(
-        path,
-        "w",
-        driver=driver,
-        height=rows,
-        width=columns,
-        count=count,
-        dtype=stack.dtype,
-        crs=crs,
-        **profile,
-    ) as target:
-        target.write(stack)
-        if unit is not None:
-            target.units = (unit,) * count
-        if (scale, offset) != (1.0, 0.0):
-            target.scales = (scale,) * count
-            target.offsets = (offset,) * count
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        with rasterio.open(
+            path,
+            "w",
+            driver=driver,
+            height=rows,
+            width=columns,
+            count=count,
+            dtype=stack.dtype,
+            crs=crs,
+            **profile,
+        ) as target:
+            target.write(stack)
+            if unit is not None:
+                target.units = (unit,) * count
+            if (scale, offset) != (1.0, 0.0):
+                target.scales = (scale,) * count
+                target.offsets = (offset,) * count
     return path

@@ -91,10 +91,19 @@ def parse_crs(crs: Any) -> "CRS | None":
         parsed = CRS.from_user_input(crs)
     except CRSError:
         raise InputError("crs", "a coordinate reference system that PROJ knows", crs) from None
-    if parsed.is_geocentric or parsed.is_vertical:
+    if parsed.is_geocentric or _horizontal(parsed).is_vertical:
         raise InputError("crs", "geographic, projected or local", parsed.name)
     _unit_factor(parsed)
     return parsed
+
+
+def _horizontal(crs: "CRS") -> "CRS":
+    """The part of a compound or bound reference system that says where a cell lies."""
+    if crs.is_compound:
+        return _horizontal(crs.sub_crs_list[0])
+    if crs.is_bound and crs.source_crs is not None:
+        return _horizontal(crs.source_crs)
+    return crs
 
 
 def _unit_factor(crs: "CRS") -> float:
@@ -167,6 +176,7 @@ def cell_size(
     dx, dy = abs(transform.a), abs(transform.e)
     if crs is None:
         return dx, dy
+    crs = _horizontal(crs)
     grid = row_wise_grid(crs, transform, shape)
     if grid is not None:
         grid.check_latitudes(shape[0])
@@ -190,6 +200,7 @@ def grid_convergence(crs: "CRS", transform: "Affine", shape: tuple[int, int]) ->
 
     None at a pole, and for local systems that are not tied to a body.
     """
+    crs = _horizontal(crs)
     if crs.is_geographic:
         return 0.0
     ground = _GroundScale.of(crs)
@@ -241,9 +252,9 @@ def row_wise_grid(
     crs: "CRS | None", transform: "Affine | None", shape: tuple[int, int]
 ) -> "RowWiseGrid | None":
     """The grid's row-wise geometry; None where the ground size does not hang on the row."""
-    if crs is None or transform is None or not _is_row_wise(crs):
+    if crs is None or transform is None or not _is_row_wise(_horizontal(crs)):
         return None
-    return RowWiseGrid(crs, transform, shape[1])
+    return RowWiseGrid(_horizontal(crs), transform, shape[1])
 
 
 class RowWiseGrid:

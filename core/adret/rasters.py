@@ -6,6 +6,7 @@ against limits. Sidecar files (``.aux.xml``, ``.ovr``, ``.msk``, world files) ar
 
 import math
 import os
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -100,12 +101,15 @@ def open_heights(
         If the file cannot be used; the message names what is wrong with it.
     """
     import rasterio
-    from rasterio.errors import RasterioError
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
     absolute, driver = sniff_driver(path)
     try:
-        with rasterio.Env(**GDAL_OPTIONS), rasterio.open(absolute, driver=driver) as source:
-            return _read(source, band, window, vertical_unit, cell_size, limits or ReadLimits())
+        with warnings.catch_warnings(), rasterio.Env(**GDAL_OPTIONS):
+            # Said by our own error, with what to do about it.
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            with rasterio.open(absolute, driver=driver) as source:
+                return _read(source, band, window, vertical_unit, cell_size, limits or ReadLimits())
     except RasterioError as error:
         reason = " ".join(str(error).replace(absolute, os.fspath(path)).split())
         raise RasterError("path", f"a readable {driver} file ({reason})", os.fspath(path)) from None

@@ -6,13 +6,21 @@ from typing import Annotated, Any
 
 import typer
 
-__all__ = ["register"]
+__all__ = ["add_serve", "add_submit", "add_worker"]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to `app`; what they need is imported when one of them runs."""
+def add_serve(app: typer.Typer) -> None:
+    """Add ``adret serve``; what it needs is imported when it runs, here and below."""
     app.command()(serve)
+
+
+def add_worker(app: typer.Typer) -> None:
+    """Add ``adret worker``."""
     app.command()(worker)
+
+
+def add_submit(app: typer.Typer) -> None:
+    """Add ``adret submit``."""
     app.command()(submit)
 
 

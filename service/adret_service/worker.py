@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
@@ -239,19 +240,20 @@ def run_worker(settings: Settings, watched: IO[str] | None = None) -> NoReturn:
     if watched is not None:
         threading.Thread(target=_at_end, args=(watched, stop), daemon=True).start()
     lease = Lease(settings.locks_dir, settings.scratch_dir, "worker")
-    storage = Storage(settings.store_dir)
-    database = open_database(settings)
-    engine = DurableEngine(settings, database)
     children = [ComputeChild(settings.threads) for _ in range(settings.job_slots)]
-    runner = JobRunner(
-        settings, engine, DatasetCatalogue(database, storage), storage, lease.scratch, children
-    )
+    with ThreadPoolExecutor() as starts:  # kernels load while the database opens
+        starting = [starts.submit(child.start) for child in children]
+        storage = Storage(settings.store_dir)
+        database = open_database(settings)
+        engine = DurableEngine(settings, database)
     try:
-        layers = {child.start() for child in children}
+        layers = {start.result() for start in starting}
     except RuntimeError as error:
         log.error("this machine cannot compute: %s", error)
         lease.release()
         os._exit(UNFIT)
+    catalogue = DatasetCatalogue(database, storage)
+    runner = JobRunner(settings, engine, catalogue, storage, lease.scratch, children)
     reaper = Reaper(engine, settings)
     reaper.start()
     serve_queue(settings, lease, runner.execute)

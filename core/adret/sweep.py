@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adret._kernels.frames import copy_oriented, mask_nodata
-from adret._kernels.hull_sweep import hull_sweep
+from adret._kernels.hull_sweep import RIGHT, hull_sweep
 from adret._kernels.hull_window import hull_sweep_within
 from adret._kernels.march import march
 from adret._kernels.near_field import near_field, near_field_distance
@@ -175,9 +175,9 @@ class SweepFrame:
         self.orientation = orientation
         self.near = min(near, max(shape))
         self._heights = heights
-        self._pad = self.near + 2
-        self._z = np.full((shape[0] + self._pad, shape[1] + self._pad + 1), np.nan, np.float32)
-        copy_oriented(heights, self._z[self._pad :, self._pad : -1], *self._turn())
+        self._pad = self.near + 4
+        self._z = np.full((shape[0] + self._pad, shape[1] + self._pad + RIGHT), np.nan, np.float32)
+        copy_oriented(heights, self._z[self._pad :, self._pad : -RIGHT], *self._turn())
         first = origin[1] if orientation.swap else origin[0]
         self._anchor = 1 - shape[0] - first if orientation.flip_rows else first
         self._best: Layer = np.empty(shape, np.float32)
@@ -263,6 +263,7 @@ class SweepFrame:
         march(
             self._z,
             self._pad,
+            self.shape[1],
             direction.shear,
             direction.step,
             count,

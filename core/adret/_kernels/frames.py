@@ -3,24 +3,23 @@
 import numpy as np
 
 from adret._kernels.angles import atan_slope
-from adret._kernels.jit import kernel, parallel_kernel, prange
+from adret._kernels.jit import index, kernel, parallel_kernel, prange
 
 TILE = 32  # a tile of both arrays fits the first-level cache while rows turn into columns
 
 
 @kernel
-def _copy_tile(source, target, i0, i1, j0, j1, swap, flip_i, flip_j):
+def _transpose_tile(source, target, i0, i1, j0, j1, flip_i, flip_j):
     n, m = target.shape
     for i in range(i0, i1):
-        si = n - 1 - i if flip_i else i
+        column = index(n - 1 - i if flip_i else i)
         row = target[i]
-        if swap:
+        if flip_j:
             for j in range(j0, j1):
-                row[j] = source[m - 1 - j if flip_j else j, si]
+                row[index(j)] = source[index(m - 1 - j), column]
         else:
-            line = source[si]
             for j in range(j0, j1):
-                row[j] = line[m - 1 - j if flip_j else j]
+                row[index(j)] = source[index(j), column]
 
 
 @parallel_kernel
@@ -33,8 +32,20 @@ def copy_oriented(source, target, swap, flip_rows, flip_columns):
     for band in prange((n + TILE - 1) // TILE):
         i0 = band * TILE
         i1 = min(n, i0 + TILE)
-        for j0 in range(0, m, TILE):
-            _copy_tile(source, target, i0, i1, j0, min(m, j0 + TILE), swap, flip_rows, flip_columns)
+        if swap:
+            for j0 in range(0, m, TILE):
+                j1 = min(m, j0 + TILE)
+                _transpose_tile(source, target, i0, i1, j0, j1, flip_rows, flip_columns)
+            continue
+        for i in range(i0, i1):
+            line = source[n - 1 - i if flip_rows else i]
+            row = target[i]
+            if flip_columns:
+                for j in range(m):
+                    row[index(j)] = line[index(m - 1 - j)]
+            else:
+                for j in range(m):
+                    row[index(j)] = line[index(j)]
 
 
 @parallel_kernel

@@ -21,52 +21,89 @@ import numpy as np
 
 from adret._kernels.jit import greater, inline, kernel, parallel_kernel, prange
 
+RIGHT = 5  # columns of NaN that a frame needs on the right
 STRIP = 64  # lines a strip; a strip's vertices and hull tops stay in the first-level cache
 NOTHING = np.float32(-np.inf)
 
 
 @inline
-def _cut(t, step, first, width, columns):
-    """Where a row cuts a strip: first column, weight, and the span of lines inside the raster."""
+def _cut(t, step):
+    """Columns that lines have moved at a global step; weight of the cell to the right."""
     u = t * step
     base = math.floor(u)
-    f = np.float32(u - base)
-    column = first + base
-    return column, f, max(0, -column), min(width, columns - column)
+    return base, np.float32(u - base)
 
 
 @kernel
-def _sample(a, b, g, f, step, height, position):
-    """Raise the pooled `height` of each line by this row's sample; NaN never does."""
+def _highest_of_four(a0, b0, a1, b1, a2, b2, a3, b3, f, steps, height, position):
+    """Highest of four samples of each line and its position; -inf where all are NaN.
+
+    Four at once write plainly; one by one they would be masked stores (see `jit.greater`).
+    """
     for line in range(len(height)):
-        h = a[line] * g + b[line] * f
-        higher = h > height[line]
-        height[line] = h if higher else height[line]
-        position[line] = step if higher else position[line]
+        z = greater(a0[line] + (b0[line] - a0[line]) * f[0], NOTHING)
+        s = steps[0]
+        h = a1[line] + (b1[line] - a1[line]) * f[1]
+        s = steps[1] if h > z else s
+        z = greater(h, z)
+        h = a2[line] + (b2[line] - a2[line]) * f[2]
+        s = steps[2] if h > z else s
+        z = greater(h, z)
+        h = a3[line] + (b3[line] - a3[line]) * f[3]
+        position[line] = steps[3] if h > z else s
+        height[line] = greater(h, z)
 
 
 @kernel
-def pool_samples(z, pad, t, anchor, first, columns, start, stop, height, position):
-    """Highest sample of each line among rows start..stop; -inf where a line has none."""
+def pool_samples(z, pad, t, anchor, first, columns, start, stop, f, steps, height, position):
+    """Highest sample of each line among rows start..stop, at most four; -inf where there is none.
+
+    Reads up to three columns beyond the raster on either side, where the frame holds NaN.
+    """
     height[:] = NOTHING
+    if stop <= start:
+        return
     width = len(height)
-    for i in range(start, stop):
-        column, f, lo, hi = _cut(t, i + anchor, first, width, columns)
-        if hi <= lo:
-            continue
-        row = z[i + pad]
-        x = column + pad
-        # With f = 0 the right-hand cell must not matter, even where it is NaN.
-        shift = 1 if f > 0.0 else 0
-        _sample(
-            row[x + lo : x + hi],
-            row[x + lo + shift : x + hi + shift],
-            np.float32(1.0) - f,
-            f,
-            np.float32(i),
-            height[lo:hi],
-            position[lo:hi],
-        )
+    left, _ = _cut(t, start + anchor)
+    right, _ = _cut(t, stop - 1 + anchor)
+    lo = max(0, -(first + right))
+    hi = min(width, columns - (first + left))
+    if hi <= lo:
+        return
+    # Fewer than four rows: the last one repeats, which changes nothing.
+    r0 = start
+    r1 = min(start + 1, stop - 1)
+    r2 = min(start + 2, stop - 1)
+    r3 = stop - 1
+    x0, f[0] = _cut(t, r0 + anchor)
+    x1, f[1] = _cut(t, r1 + anchor)
+    x2, f[2] = _cut(t, r2 + anchor)
+    x3, f[3] = _cut(t, r3 + anchor)
+    steps[0] = r0
+    steps[1] = r1
+    steps[2] = r2
+    steps[3] = r3
+    # With weight 0 the right-hand cell must not matter, even where it is NaN.
+    s0 = 1 if f[0] > 0.0 else 0
+    s1 = 1 if f[1] > 0.0 else 0
+    s2 = 1 if f[2] > 0.0 else 0
+    s3 = 1 if f[3] > 0.0 else 0
+    lo_z = first + pad + lo
+    hi_z = first + pad + hi
+    _highest_of_four(
+        z[r0 + pad, lo_z + x0 : hi_z + x0],
+        z[r0 + pad, lo_z + x0 + s0 : hi_z + x0 + s0],
+        z[r1 + pad, lo_z + x1 : hi_z + x1],
+        z[r1 + pad, lo_z + x1 + s1 : hi_z + x1 + s1],
+        z[r2 + pad, lo_z + x2 : hi_z + x2],
+        z[r2 + pad, lo_z + x2 + s2 : hi_z + x2 + s2],
+        z[r3 + pad, lo_z + x3 : hi_z + x3],
+        z[r3 + pad, lo_z + x3 + s3 : hi_z + x3 + s3],
+        f,
+        steps,
+        height[lo:hi],
+        position[lo:hi],
+    )
 
 
 @kernel
@@ -123,7 +160,8 @@ def gather_rows(
     """Gather for the receivers of rows start..stop that lie between the strip's lines."""
     width = len(vertex_z)
     for i in range(max(start, rows[0]), min(stop, rows[1])):
-        column, f, _, _ = _cut(t, i + anchor, first, width, columns[1])
+        base, f = _cut(t, i + anchor)
+        column = first + base
         lo = max(1, columns[0] - column)
         hi = min(width, columns[1] - column)
         if hi <= lo:
@@ -228,8 +266,8 @@ def hull_sweep(z, pad, width, t, anchor, pool, near, bend, limits, rows, columns
 
     Parameters
     ----------
-    z : (pad + n, pad + m + 1) float32
-        Heights in the sweep frame, padded with NaN.
+    z : (pad + n, pad + m + RIGHT) float32
+        Heights in the sweep frame, padded with NaN; pad at least 4.
     width : int
         Columns m of the raster.
     t : float
@@ -257,6 +295,8 @@ def hull_sweep(z, pad, width, t, anchor, pool, near, bend, limits, rows, columns
         hull_z = np.empty((depth, STRIP + 1), np.float32)
         hull_s = np.empty((depth, STRIP + 1), np.float32)
         size = np.zeros(STRIP + 1, np.int64)
+        f = np.zeros(4, np.float32)
+        steps = np.zeros(4, np.float32)
         height = np.empty(STRIP + 1, np.float32)
         position = np.zeros(STRIP + 1, np.float32)
         vertex_z = np.full(STRIP + 1, NOTHING)
@@ -264,7 +304,7 @@ def hull_sweep(z, pad, width, t, anchor, pool, near, bend, limits, rows, columns
         for begin in range(-(anchor % pool), rows[1], pool):
             start = max(begin, 0)
             stop = min(begin + pool, rows[1])
-            pool_samples(z, pad, t, anchor, first, width, start, stop, height, position)
+            pool_samples(z, pad, t, anchor, first, width, start, stop, f, steps, height, position)
             _query_and_insert(
                 height, position, near, limits[0], bend, hull_z, hull_s, size, vertex_z, vertex_s
             )

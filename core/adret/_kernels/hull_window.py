@@ -162,6 +162,8 @@ def hull_sweep_within(
     for strip in prange(strip_count(t, anchor, rows, columns)):
         first = first_line(t, anchor, strip, rows, columns)
         lines = STRIP + 1
+        f = np.zeros(4, np.float32)
+        steps = np.zeros(4, np.float32)
         heights = np.empty((block, lines), np.float32)
         positions = np.zeros((block, lines), np.float32)
         head_z = np.empty((block + 1, lines), np.float32)
@@ -188,7 +190,9 @@ def hull_sweep_within(
                 begin = origin + j * pool
                 start = max(begin, 0)
                 stop = min(begin + pool, rows[1])
-                pool_samples(z, pad, t, anchor, first, width, start, stop, heights[j], positions[j])
+                pool_samples(
+                    z, pad, t, anchor, first, width, start, stop, f, steps, heights[j], positions[j]
+                )
                 for line in range(lines):
                     positions[j, line] -= shift
                 _query(

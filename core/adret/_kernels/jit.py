@@ -19,7 +19,7 @@ import numba
 from numba.core import types
 from numba.extending import intrinsic
 
-__all__ = ["greater", "inline", "kernel", "parallel_kernel", "prange", "threads"]
+__all__ = ["greater", "index", "inline", "kernel", "parallel_kernel", "prange", "threads"]
 
 # NaN is nodata and -inf is "no terrain": the flags that assume neither exists are left out.
 FASTMATH = {"contract", "nsz", "arcp"}
@@ -69,6 +69,7 @@ _use_cache_folder()
 numba.config.THREADING_LAYER_PRIORITY = ["tbb", "omp", "workqueue"]
 
 prange = numba.prange
+index = numba.uintp  # an unsigned index cannot wrap round, so loops over it vectorise
 
 
 def kernel(function: Callable[..., None]) -> Any:

@@ -8,7 +8,8 @@ import math
 
 import numpy as np
 
-from adret._kernels.jit import greater, inline, kernel, parallel_kernel, prange
+from adret._kernels.jit import inline, kernel, parallel_kernel, prange
+from adret._kernels.near_field import four_crossings
 
 SNAP = 1e-9
 
@@ -22,16 +23,6 @@ def _offset(shear, j):
 
 
 @kernel
-def _four_steps(a0, a1, a2, a3, b0, b1, b2, b3, receiver, best, p, q, v, k):
-    for x in range(len(best)):
-        z = receiver[x]
-        s = greater(a0[x] * p[0] + b0[x] * q[0] - z * v[0] + k[0], best[x])
-        s = greater(a1[x] * p[1] + b1[x] * q[1] - z * v[1] + k[1], s)
-        s = greater(a2[x] * p[2] + b2[x] * q[2] - z * v[2] + k[2], s)
-        best[x] = greater(a3[x] * p[3] + b3[x] * q[3] - z * v[3] + k[3], s)
-
-
-@kernel
 def _one_step(line, column, cell, p, q, v, k, z):
     """Slope of one sample; NaN outside the raster or beside nodata."""
     left = column - cell - (1 if q > 0.0 else 0)
@@ -41,9 +32,8 @@ def _one_step(line, column, cell, p, q, v, k, z):
 
 
 @parallel_kernel
-def march(z, pad, shear, step, count, bend, observer, rows, columns, best):
+def march(z, pad, width, shear, step, count, bend, observer, rows, columns, best):
     """Fill `best` with the slope of the highest of `count` samples along each cell's ray."""
-    width = z.shape[1] - pad - 1
     for i in prange(rows[0], rows[1]):
         p = np.empty(4, np.float32)
         q = np.empty(4, np.float32)
@@ -79,14 +69,14 @@ def march(z, pad, shear, step, count, bend, observer, rows, columns, best):
             e = pad + columns[1] - cells
             t = s - (q > 0.0)
             w = e - (q > 0.0)
-            _four_steps(
+            four_crossings(
                 z[r - j0, s[0] : e[0]],
-                z[r - min(j0 + 1, steps), s[1] : e[1]],
-                z[r - min(j0 + 2, steps), s[2] : e[2]],
-                z[r - min(j0 + 3, steps), s[3] : e[3]],
                 z[r - j0, t[0] : w[0]],
+                z[r - min(j0 + 1, steps), s[1] : e[1]],
                 z[r - min(j0 + 1, steps), t[1] : w[1]],
+                z[r - min(j0 + 2, steps), s[2] : e[2]],
                 z[r - min(j0 + 2, steps), t[2] : w[2]],
+                z[r - min(j0 + 3, steps), s[3] : e[3]],
                 z[r - min(j0 + 3, steps), t[3] : w[3]],
                 receiver[lo : columns[1]],
                 out[lo - columns[0] :],

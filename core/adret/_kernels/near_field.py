@@ -14,14 +14,18 @@ BLOCK = 1024  # columns whose accumulator and rows stay in the first-level cache
 
 
 @kernel
-def _four_crossings(a0, b0, a1, b1, a2, b2, a3, b3, receiver, best, p, q, v, k):
+def four_crossings(a0, b0, a1, b1, a2, b2, a3, b3, receiver, best, p, q, v, k):
     """Raise `best` by four crossings; four at a time saves loads and keeps the store plain."""
+    p0, p1, p2, p3 = p[0], p[1], p[2], p[3]
+    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
+    v0, v1, v2, v3 = v[0], v[1], v[2], v[3]
+    k0, k1, k2, k3 = k[0], k[1], k[2], k[3]
     for x in range(len(best)):
         z = receiver[x]
-        s = greater(a0[x] * p[0] + b0[x] * q[0] - z * v[0] + k[0], best[x])
-        s = greater(a1[x] * p[1] + b1[x] * q[1] - z * v[1] + k[1], s)
-        s = greater(a2[x] * p[2] + b2[x] * q[2] - z * v[2] + k[2], s)
-        best[x] = greater(a3[x] * p[3] + b3[x] * q[3] - z * v[3] + k[3], s)
+        s = greater(a0[x] * p0 + b0[x] * q0 - z * v0 + k0, best[x])
+        s = greater(a1[x] * p1 + b1[x] * q1 - z * v1 + k1, s)
+        s = greater(a2[x] * p2 + b2[x] * q2 - z * v2 + k2, s)
+        best[x] = greater(a3[x] * p3 + b3[x] * q3 - z * v3 + k3, s)
 
 
 @parallel_kernel
@@ -51,7 +55,7 @@ def near_field(z, pad, offsets, p, q, v, k, rows, columns, best):
             hi = stop + pad
             for s in range(0, len(v), 4):
                 o = offsets[s : s + 4]
-                _four_crossings(
+                four_crossings(
                     z[r + o[0, 0], lo + o[0, 1] : hi + o[0, 1]],
                     z[r + o[0, 2], lo + o[0, 3] : hi + o[0, 3]],
                     z[r + o[1, 0], lo + o[1, 1] : hi + o[1, 1]],

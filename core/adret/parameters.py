@@ -15,6 +15,7 @@ __all__ = [
     "OpennessParameters",
     "Parameters",
     "RayParameters",
+    "RoundParameters",
     "ShadowParameters",
     "SkyViewParameters",
     "Specification",
@@ -86,16 +87,18 @@ class Specification:
 
 
 def specifications(parameters: "type[Parameters]") -> tuple[Specification, ...]:
-    """What is known of each parameter of a product, in order.
+    """What is known of each parameter of a product: its own first, then the shared ones.
 
     Examples
     --------
     >>> [s.name for s in specifications(OpennessParameters)][:3]
-    ['sign', 'directions', 'azimuths_deg']
+    ['sign', 'directions', 'method']
     """
     hints = get_type_hints(parameters)
+    known = {entry.name: entry for entry in fields(parameters)}
+    order = [name for part in parameters.__mro__ for name in vars(part).get("__annotations__", ())]
     found = []
-    for entry in fields(parameters):
+    for entry in (known[name] for name in order):
         kind, optional, choices = _kind(hints[entry.name])
         found.append(
             Specification(
@@ -186,18 +189,8 @@ def _limits(spec: Specification) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class RayParameters(Parameters):
-    """How the horizon is found; shared by all products."""
+    """How a horizon is found; shared by all products."""
 
-    directions: int = _option(
-        64, "Number of azimuths, equally spaced from grid north.", minimum=1, maximum=7200
-    )
-    azimuths_deg: tuple[float, ...] | None = _option(
-        None,
-        "Azimuths to use instead, clockwise from grid north.",
-        unit="deg",
-        minimum=-360.0,
-        maximum=720.0,
-    )
     method: Literal["sweep", "hull", "march", "exact"] = _option(
         "sweep",
         "sweep: exact near field and hull-swept far field; hull: convex-hull sweep alone; "
@@ -233,9 +226,25 @@ class RayParameters(Parameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class HorizonParameters(RayParameters):
+class RoundParameters(RayParameters):
+    """Products that look round the whole circle."""
+
+    directions: int = _option(
+        64, "Number of azimuths, equally spaced from grid north.", minimum=1, maximum=7200
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class HorizonParameters(RoundParameters):
     """Parameters of the horizon map."""
 
+    azimuths_deg: tuple[float, ...] | None = _option(
+        None,
+        "Azimuths to use instead, clockwise from grid north.",
+        unit="deg",
+        minimum=-360.0,
+        maximum=720.0,
+    )
     dtype: Literal["uint16", "float32"] = _option(
         "uint16",
         "How angles are stored: uint16 with scale and offset (step 0.00275 degrees), or float32.",
@@ -243,7 +252,7 @@ class HorizonParameters(RayParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SkyViewParameters(RayParameters):
+class SkyViewParameters(RoundParameters):
     """Parameters of the sky view."""
 
     kind: Literal["visible", "horizontal", "normal"] = _option(
@@ -255,7 +264,7 @@ class SkyViewParameters(RayParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class OpennessParameters(RayParameters):
+class OpennessParameters(RoundParameters):
     """Parameters of openness."""
 
     sign: int = _option(1, "1 for positive, -1 for negative openness.", minimum=-1, maximum=1)
@@ -294,7 +303,7 @@ class ShadowParameters(RayParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LightParameters(RayParameters):
+class LightParameters(RoundParameters):
     """Parameters of the light map; at least one of sun, sky and environment."""
 
     sun_deg: tuple[float, ...] | None = _option(

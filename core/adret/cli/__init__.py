@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _run(given)
     except AdretError as error:
-        return _stop(error, given)
+        return _stop(error)
     except KeyboardInterrupt:
         return _say("interrupted", 130)
     except MemoryError:
@@ -72,13 +72,20 @@ def _run(given: list[str]) -> int:
     app.callback()(_root)
     for name in COMMANDS:
         import_module(f"adret.cli.{name}").register(app)
-    _register_others(app, given)
+    asked = next((word for word in given if not word.startswith("-")), None)
     try:
+        _register_others(app, asked)
         code = app(given, standalone_mode=False)
+    except ImportError as error:
+        if asked not in EXTRAS:
+            raise
+        raise InputError(asked, _install(asked), f"no module {error.name}") from None
     except Exception as error:
         # Typer's errors of usage; their class moved between its versions.
         if not hasattr(error, "format_message"):
             raise
+        if asked in EXTRAS and asked not in {c.name for c in app.registered_commands}:
+            raise InputError("command", _install(asked), asked) from None
         return _usage(error)
     return code if isinstance(code, int) else 0
 
@@ -87,28 +94,17 @@ def _root() -> None:
     """Do nothing: it carries the help text and makes every command a sub-command."""
 
 
-def _register_others(app: Any, given: list[str]) -> None:
-    """Let installed packages add commands, unless one of our own was asked for."""
-    asked = next((word for word in given if not word.startswith("-")), None)
+def _register_others(app: Any, asked: str | None) -> None:
+    """Let installed packages add their commands, unless one of our own was asked for."""
     if asked in COMMANDS:
         return
-    entries = metadata.entry_points(group=GROUP)
-    for entry in entries:
-        try:
+    for entry in metadata.entry_points(group=GROUP):
+        if asked in (None, entry.name):
             entry.load()(app)
-        except ImportError as error:
-            if asked == entry.name:
-                raise InputError(
-                    "command",
-                    f'installed with pip install "adret[{_extra(entry.name)}]"',
-                    f"{entry.name} without {error.name}",
-                ) from None
-    if asked in EXTRAS and asked not in {entry.name for entry in entries}:
-        raise InputError("command", f'installed with pip install "adret[{EXTRAS[asked]}]"', asked)
 
 
-def _extra(command: str) -> str:
-    return EXTRAS.get(command, "service")
+def _install(command: str) -> str:
+    return f'installed with pip install "adret[{EXTRAS[command]}]"'
 
 
 def _usage(error: Any) -> int:
@@ -118,7 +114,7 @@ def _usage(error: Any) -> int:
     return _say(" ".join(str(error.format_message()).split()), 2)
 
 
-def _stop(error: AdretError, given: list[str]) -> int:
+def _stop(error: AdretError) -> int:
     if isinstance(error, Cancelled):
         return _say(str(error) or "interrupted", 130)
     if isinstance(error, InputError) and error.field.endswith("_deg"):

@@ -5,12 +5,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from adret.azimuths import azimuth_set
 from adret.cogs import Layers
 from adret.errors import InputError
-from adret.parameters import RayParameters
+from adret.parameters import RayParameters, RoundParameters
 
 if TYPE_CHECKING:
     from adret.terrain import Terrain
@@ -18,8 +16,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Progress",
     "Result",
-    "azimuth_options",
-    "azimuths_of",
     "degrees_text",
     "ray_options",
     "tags_of",
@@ -55,17 +51,6 @@ class Result:
     tags: dict[str, str]
     picture: Callable[[], dict[str, Any]]
     encoding: dict[str, Any] = field(default_factory=dict)
-
-
-def azimuths_of(parameters: RayParameters) -> NDArray[np.float64]:
-    given = parameters.azimuths_deg
-    return azimuth_set(parameters.directions, None if given is None else np.radians(given))
-
-
-def azimuth_options(parameters: RayParameters) -> dict[str, Any]:
-    if parameters.azimuths_deg is not None:
-        return {"azimuths": azimuths_of(parameters)}
-    return {"directions": parameters.directions}
 
 
 def ray_options(terrain: "Terrain", parameters: RayParameters) -> dict[str, Any]:
@@ -112,8 +97,8 @@ def tags_of(
         tags["ADRET_NEAR"] = str(NEAR_DEFAULT if parameters.near is None else parameters.near)
     if parameters.max_distance is not None:
         tags["ADRET_MAX_DISTANCE"] = f"{parameters.max_distance:g} m"
-    if name != "shadow":
-        tags["ADRET_DIRECTIONS"] = str(len(azimuths_of(parameters)))
+    if isinstance(parameters, RoundParameters):
+        tags["ADRET_DIRECTIONS"] = str(parameters.directions)
     if terrain.azimuth_error > 0.0:
         error = np.degrees(min(terrain.azimuth_error, MAX_AZIMUTH_ERROR))
         tags["ADRET_AZIMUTH_ERROR"] = f"at most {error:.4f} deg"

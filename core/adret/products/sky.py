@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from adret.azimuths import azimuth_set
 from adret.parameters import HorizonParameters, OpennessParameters, SkyViewParameters
 from adret.products.result import (
     Progress,
     Result,
-    azimuth_options,
-    azimuths_of,
     degrees_text,
     ray_options,
     tags_of,
@@ -30,7 +29,8 @@ ANGLE_NODATA = 65535
 def horizon(terrain: "Terrain", parameters: HorizonParameters, progress: Progress | None) -> Result:
     from adret.horizon import HorizonOptions, horizon_slopes
 
-    azimuths = azimuths_of(parameters)
+    given = parameters.azimuths_deg
+    azimuths = azimuth_set(parameters.directions, None if given is None else np.radians(given))
     options = HorizonOptions(**ray_options(terrain, parameters))
     slopes = horizon_slopes(terrain, azimuths, options, progress)
     total = np.zeros(terrain.shape, dtype=np.float32)
@@ -59,7 +59,8 @@ def horizon(terrain: "Terrain", parameters: HorizonParameters, progress: Progres
         layers=layers(),
         names=tuple(f"azimuth {degrees_text(a)} deg" for a in np.degrees(azimuths)),
         unit="degree",
-        tags=tags_of(terrain, "horizon", definition, parameters),
+        tags=tags_of(terrain, "horizon", definition, parameters)
+        | {"ADRET_DIRECTIONS": str(len(azimuths))},
         encoding=encoding,
         picture=lambda: {"layer": total / np.float32(len(azimuths)), "colours": "dusk"},
     )
@@ -75,7 +76,7 @@ def sky_view(
         parameters.kind,
         clip=parameters.clip,
         progress=progress,
-        **azimuth_options(parameters),
+        directions=parameters.directions,
         **ray_options(terrain, parameters),
     )
     clipped = "max(h, hp, 0)" if parameters.clip else "max(h, hp)"
@@ -101,9 +102,9 @@ def openness(
 
     angle = openness_of(
         terrain,
-        parameters.sign,
+        1 if parameters.sign > 0 else -1,
         progress=progress,
-        **azimuth_options(parameters),
+        directions=parameters.directions,
         **ray_options(terrain, parameters),
     )
     word = "positive" if parameters.sign > 0 else "negative"

@@ -10,7 +10,6 @@ from adret.parameters import LightParameters, ShadowParameters
 from adret.products.result import (
     Progress,
     Result,
-    azimuth_options,
     degrees_text,
     ray_options,
     tags_of,
@@ -34,13 +33,13 @@ def shadow(terrain: "Terrain", parameters: ShadowParameters, progress: Progress 
     }
     if parameters.layer == "code":
         definition = "0 lit, 1 self-shadowed (faces away), 2 cast shadow; 3 nodata"
-        layers, names = found.code, ("shadow code",)
+        names = ("shadow code",)
         encoding = {"dtype": "uint8", "nodata": 3, "resampling": "nearest"}
     else:
         definition = "share of the solar disc above the horizon"
-        layers, names, encoding = found.lit, ("share of the solar disc",), {}
+        names, encoding = ("share of the solar disc",), {}
     return Result(
-        layers=layers,
+        layers=found.code if parameters.layer == "code" else found.lit,
         names=names,
         unit="1",
         tags=tags_of(terrain, "shadow", definition, parameters) | tags,
@@ -89,12 +88,17 @@ def light(terrain: "Terrain", parameters: LightParameters, progress: Progress | 
         )
         sources.append(f"environment map {Path(parameters.environment).name}")
 
-    options = {**azimuth_options(parameters), **ray_options(terrain, parameters)}
+    options = ray_options(terrain, parameters)
     normals = surface_normals(terrain)
     total: NDArray[np.float32] | None = None
     for part, sky in enumerate(skies):
         lit = direct_light(
-            terrain, sky, normals=normals, progress=_part(progress, part, len(skies)), **options
+            terrain,
+            sky,
+            parameters.directions,
+            normals=normals,
+            progress=_part(progress, part, len(skies)),
+            **options,
         )
         flux = lit.irradiance
         if parameters.albedo is not None:
@@ -116,7 +120,7 @@ def light(terrain: "Terrain", parameters: LightParameters, progress: Progress | 
         names=names,
         unit="unit of the sources",
         tags=tags_of(terrain, "light", f"{quantity} from {', '.join(sources)}", parameters),
-        picture=lambda: {"layer": total, "low": 0.0, "gamma": 2.2},
+        picture=lambda: {"layer": total, "low": 0.0, "gamma": 1.5},
     )
 
 

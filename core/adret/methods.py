@@ -127,7 +127,8 @@ class Hull:
         spacing = min(dx, dy)
         half = math.ceil(math.hypot(n * dy, m * dx) / (2.0 * spacing)) + 2
         buffer = np.empty((2 * half + 1, 2 * half + 1), np.float64)
-        centre = np.array([(n - 1) / 2.0, (m - 1) / 2.0])
+        # A cell of its own: along the axes, samples are then the cells themselves.
+        centre = np.array([n // 2, m // 2], np.float64)
         sweep_lines(
             self.heights,
             centre,

@@ -74,7 +74,7 @@ def _run(given: list[str]) -> int:
         import_module(f"adret.cli.{name}").register(app)
     asked = next((word for word in given if not word.startswith("-")), None)
     try:
-        _register_others(app, asked)
+        known = _register_others(app, asked)
         code = app(given, standalone_mode=False)
     except ImportError as error:
         if asked not in EXTRAS:
@@ -84,7 +84,7 @@ def _run(given: list[str]) -> int:
         # Typer's errors of usage; their class moved between its versions.
         if not hasattr(error, "format_message"):
             raise
-        if asked in EXTRAS and asked not in {c.name for c in app.registered_commands}:
+        if asked in EXTRAS and not known:
             raise InputError("command", _install(asked), asked) from None
         return _usage(error)
     return code if isinstance(code, int) else 0
@@ -94,13 +94,14 @@ def _root() -> None:
     """Do nothing: it carries the help text and makes every command a sub-command."""
 
 
-def _register_others(app: Any, asked: str | None) -> None:
-    """Let installed packages add their commands, unless one of our own was asked for."""
+def _register_others(app: Any, asked: str | None) -> bool:
+    """Let installed packages add their commands; tell if the one asked for is known."""
     if asked in COMMANDS:
-        return
-    for entry in metadata.entry_points(group=GROUP):
-        if asked in (None, entry.name):
-            entry.load()(app)
+        return True
+    entries = [e for e in metadata.entry_points(group=GROUP) if asked in (None, e.name)]
+    for entry in entries:
+        entry.load()(app)
+    return bool(entries)
 
 
 def _install(command: str) -> str:
@@ -108,9 +109,15 @@ def _install(command: str) -> str:
 
 
 def _usage(error: Any) -> int:
-    if type(error).__name__ == "NoArgsIsHelpError":
+    kind = type(error).__name__
+    if kind == "NoArgsIsHelpError":
         print(error.format_message())
         return 2
+    if kind == "MissingParameter" and error.param is not None:
+        name = error.param.metavar or error.param.name
+        return _say(f"{name}: must be given, got nothing", 2)
+    if kind == "NoSuchOption":
+        return _say(f"option: must be one of those in --help, got {error.option_name!r}", 2)
     return _say(" ".join(str(error.format_message()).split()), 2)
 
 

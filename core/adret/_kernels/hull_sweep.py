@@ -36,7 +36,7 @@ def _cut(t, step):
 
 @kernel
 def _highest_of_four(a0, b0, a1, b1, a2, b2, a3, b3, f, steps, height, position):
-    """Highest of four samples of each line and its position; -inf where all are NaN.
+    """Highest of four samples of each line, the last of equals, and its position; -inf if all NaN.
 
     Four at once write plainly; one by one they would be masked stores (see `jit.greater`).
     """
@@ -44,13 +44,13 @@ def _highest_of_four(a0, b0, a1, b1, a2, b2, a3, b3, f, steps, height, position)
         z = greater(a0[line] + (b0[line] - a0[line]) * f[0], NOTHING)
         s = steps[0]
         h = a1[line] + (b1[line] - a1[line]) * f[1]
-        s = steps[1] if h > z else s
+        s = steps[1] if h >= z else s
         z = greater(h, z)
         h = a2[line] + (b2[line] - a2[line]) * f[2]
-        s = steps[2] if h > z else s
+        s = steps[2] if h >= z else s
         z = greater(h, z)
         h = a3[line] + (b3[line] - a3[line]) * f[3]
-        position[line] = steps[3] if h > z else s
+        position[line] = steps[3] if h >= z else s
         height[line] = greater(h, z)
 
 

@@ -77,7 +77,7 @@ def create_app(settings: Settings, engine: JobEngine | None = None) -> FastAPI:
 def allowed_hosts(settings: Settings) -> list[str]:
     """Names a request may call this server by: a web page elsewhere cannot rebind to it."""
     own = urlsplit(settings.base_url).hostname
-    return [*LOCAL_HOSTS, settings.host, *([own] if own else []), "testserver"]
+    return [*LOCAL_HOSTS, settings.host, *([own] if own else [])]
 
 
 def open_service(

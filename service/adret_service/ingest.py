@@ -185,6 +185,8 @@ class Decoder:
         with self._lock:
             process, self._process = self._process, None
         if process is not None and process.stdin is not None:
+            if not self._waiting:
+                process.kill()
             process.stdin.close()
             try:
                 process.wait(2.0)

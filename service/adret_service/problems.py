@@ -51,8 +51,10 @@ class FieldError:
         return f"{self.field}: must be {self.limit}, got {printable(self.value)!r}"
 
 
-class Problem(Exception):
+class Problem(HTTPException):
     """An answer other than success, raised anywhere and rendered in one place.
+
+    It is an `HTTPException` because FastAPI lets only those through while it reads a body.
 
     Parameters
     ----------
@@ -77,12 +79,10 @@ class Problem(Exception):
         errors: Sequence[FieldError] = (),
         headers: dict[str, str] | None = None,
     ) -> None:
-        super().__init__(status, detail)
+        super().__init__(status, detail, headers)
         self.status = status
-        self.detail = detail
         self.type = type_
         self.errors = tuple(errors)
-        self.headers = headers
 
     def __str__(self) -> str:
         """The sentence for a person."""
@@ -128,7 +128,7 @@ def render(request: Request, problem: Problem) -> JSONResponse:
             "request_id": request.scope.get("request_id", ""),
         },
         status_code=problem.status,
-        headers=problem.headers,
+        headers=dict(problem.headers or {}),
         media_type=media,
     )
 

@@ -113,7 +113,8 @@ def _model(name: str) -> type[BaseModel]:
     fields: dict[str, Any] = {"dataset": (dataset, ...)}
     for spec in specifications(PRODUCTS[name].parameters):
         if spec.form != "path" and spec.name not in WITHHELD:
-            fields[spec.name] = (_annotation(spec), spec.default)
+            default = list(spec.default) if isinstance(spec.default, tuple) else spec.default
+            fields[spec.name] = (_annotation(spec), default)
     config = ConfigDict(extra="forbid", allow_inf_nan=False)
     return create_model(f"{name}-inputs", __config__=config, **fields)
 

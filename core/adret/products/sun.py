@@ -53,7 +53,6 @@ def shadow(terrain: "Terrain", parameters: ShadowParameters, progress: Progress 
 
 def light(terrain: "Terrain", parameters: LightParameters, progress: Progress | None) -> Result:
     from adret.light import direct_light
-    from adret.normals import surface_normals
     from adret.skies import Environment, OvercastSky, Sun, UniformSky
 
     skies: list[Any] = []
@@ -89,14 +88,12 @@ def light(terrain: "Terrain", parameters: LightParameters, progress: Progress | 
         sources.append(f"environment map {Path(parameters.environment).name}")
 
     options = ray_options(terrain, parameters)
-    normals = surface_normals(terrain)
     total: NDArray[np.float32] | None = None
     for part, sky in enumerate(skies):
         lit = direct_light(
             terrain,
             sky,
             parameters.directions,
-            normals=normals,
             progress=_part(progress, part, len(skies)),
             **options,
         )

@@ -33,8 +33,8 @@ class Environment:
         Turns the picture clockwise, seen from above [degrees].
     normal_angles : int, optional
         Light by paper P1's own table L_p(normal angle, horizon angle) with this many normal
-        angles from -90° to 90°; take an odd number, so that an upright normal is exact. Default
-        is the moments form, which needs no normal angles.
+        angles from -90° to 90°, 3 to 1024; with an odd number an upright normal is exact. Default
+        is the moments form, which needs no normal angles and has no such error.
 
     Raises
     ------
@@ -56,6 +56,12 @@ class Environment:
     The moments A(e) and B(e) are exact at the borders of the map's rows (at least 512 steps from
     nadir to zenith) and linear in between. Light from below the horizontal counts where a cell can
     see it: over a cliff, or on a slope that looks down.
+
+    Between tabulated normals, paper P1 interpolates linearly. Done in the angle, that is off by 2 %
+    on average with 8 normal angles and by 0.4 % with 16 (against 256, Alps at 200 m, a hall with
+    daylight windows); the cosine bends too much. Here the normal itself is interpolated, as the sum
+    of the two beside it: 0.06 % and 0.01 %, 0.2 % and 0.03 % under a high sun. Only the cut at the
+    cell's own plane is then approximate; a low sun that grazes it still makes 2 % and 0.2 %.
 
     Examples
     --------
@@ -79,9 +85,9 @@ class Environment:
         if normal_angles is not None and (
             isinstance(normal_angles, bool)
             or int(normal_angles) != normal_angles
-            or not 2 <= normal_angles <= MAX_NORMAL_ANGLES
+            or not 3 <= normal_angles <= MAX_NORMAL_ANGLES
         ):
-            limit = f"a whole number from 2 to {MAX_NORMAL_ANGLES}"
+            limit = f"a whole number from 3 to {MAX_NORMAL_ANGLES}"
             raise InputError("normal_angles", limit, normal_angles)
         self._picture = picture
         self._rotation = float(np.radians(np.fmod(rotation_deg, 360.0)))

@@ -164,26 +164,31 @@ class NormalTableSlice:
         object.__setattr__(self, "azimuth", self.moments.azimuth)
 
     def dark_above(self, elevation: float) -> bool:
-        """As the moments say, but never where interpolated normals look lower than the plane."""
-        return self.moments.dark_above(-np.pi / 2.0)
+        """As the moments say: horizons are never looked up below the cell's own plane."""
+        return self.moments.dark_above(elevation)
+
+    def _leans(self) -> Table:
+        """Angles of the tabulated normals from the zenith towards the azimuth [radians]."""
+        return np.linspace(-np.pi / 2.0, np.pi / 2.0, self.normal_angles)
 
     def table(self) -> Layer:
-        """L_p, shape (bands, N, n): irradiance on a cell whose normal lies in the slice's plane."""
+        """L_p, shape (N, n, bands): irradiance on a normal that lies in the slice's plane."""
         source = self.moments
         bands, count = source.vertical.shape
-        leans = np.linspace(-np.pi / 2.0, np.pi / 2.0, self.normal_angles)
+        leans = self._leans()
         entries = source.first + source.step * np.arange(count)
-        table = np.empty((bands, len(leans), count), dtype=np.float32)
+        table = np.empty((len(leans), count, bands), dtype=np.float32)
         for j, lean in enumerate(leans):
             above = np.maximum(entries, -lean)
             for band in range(bands):
                 a = np.interp(above, entries, source.horizontal[band])
                 b = np.interp(above, entries, source.vertical[band])
-                table[band, j] = np.sin(lean) * a + np.cos(lean) * b
+                table[j, :, band] = np.sin(lean) * a + np.cos(lean) * b
         return table
 
     def add(self, slope: Layer, receivers: Receivers, total: Layer) -> None:
-        """Look L_p up, bilinearly interpolated."""
+        """Look L_p up, linear in the horizon angle and in the normal."""
+        leans = self._leans()
         kernels.add_normal_table(
             slope,
             receivers.to_east,
@@ -191,6 +196,8 @@ class NormalTableSlice:
             *sine_cosine(self.azimuth),
             np.float32(self.moments.first),
             np.float32(1.0 / self.moments.step),
-            self.table(),
+            np.sin(leans).astype(np.float32),
+            np.cos(leans).astype(np.float32),
+            self.table().reshape(-1, len(total)),
             total,
         )

@@ -19,6 +19,7 @@ HALF = np.float32(0.5)
 ONE = np.float32(1.0)
 THIRD = np.float32(1.0 / 3.0)
 PER_PI = np.float32(1.0 / np.pi)
+ONE_ROW = np.uint32(1)
 BLOCK = 16  # rows that share one row of positions
 
 
@@ -113,39 +114,57 @@ def add_table_3(
 
 @parallel_kernel
 def add_normal_table(
-    slope, to_east, to_north, sin_azimuth, cos_azimuth, first, per_step, table, total
+    slope,
+    to_east,
+    to_north,
+    sin_azimuth,
+    cos_azimuth,
+    first,
+    per_step,
+    sin_lean,
+    cos_lean,
+    table,
+    total,
 ):
-    """Add |N_p| L_p(normal angle, horizon angle) of paper P1, eq. 6, bilinear in both angles.
+    """Add |N_p| L_p(normal angle, horizon angle) of paper P1, eq. 6.
 
-    `table` is (bands, N, n + 1): normal angles from -π/2 to π/2 towards the azimuth, horizon
-    elevations from `first` up. `total` is (bands, rows, columns); the factor n_u is left out.
+    `table` is (N n, bands), the row of normal j and horizon i being j n + i: N evenly spaced normals
+    that lean by -π/2 to π/2 from the zenith towards the azimuth, with these sines and cosines (N,),
+    and n horizon elevations from `first` up. The cell's normal over n_u is (-tp, 1) in the slice's
+    plane; it is written as a sum of the two normals beside it, so light is exact where both of them
+    see all that the cell sees. `total` is (bands, rows, columns).
     """
-    bands, normals, count = table.shape
+    bands = total.shape[0]
+    normals = len(sin_lean)
+    count = np.uint32(len(table) // normals)
     last = np.float32(count - 1)
-    last_normal = np.float32(normals - 1)
-    per_angle = last_normal * PER_PI
+    end = np.int32(count - 2)
+    last_normal = np.int32(normals - 2)
+    per_angle = np.float32(normals - 1) * PER_PI
+    # Sine of the angle between neighbouring normals.
+    per_sine = ONE / (sin_lean[1] * cos_lean[0] - cos_lean[1] * sin_lean[0])
     for y in prange(slope.shape[0]):
         layer = slope[y]
         p = to_east[y]
         q = to_north[y]
         for x in range(len(layer)):
             tp = p[x] * sin_azimuth + q[x] * cos_azimuth
-            position = table_position(layer[x], first, per_step, last)
-            i = min(np.int32(position), count - 2)
+            t = tp if layer[x] < tp else layer[x]
+            position = table_position(t, first, per_step, last)
+            i = np.int32(position)
+            i = end if i > end else i
             f = position - np.float32(i)
-            # The projected normal leans by -hp from the zenith towards the azimuth.
             lean = (HALF_PI - atan_slope(tp)) * per_angle
-            lean = lean if lean > ZERO else ZERO
-            lean = last_normal if lean > last_normal else lean
-            j = min(np.int32(lean), normals - 2)
-            g = lean - np.float32(j)
-            length = np.sqrt(ONE + tp * tp)
+            j = np.int32(lean if lean > ZERO else ZERO)
+            j = np.uint32(last_normal if j > last_normal else j)
+            low = (sin_lean[j + ONE_ROW] + tp * cos_lean[j + ONE_ROW]) * per_sine
+            high = -(sin_lean[j] + tp * cos_lean[j]) * per_sine
+            row = j * count + np.uint32(i)
+            next_row = row + count
             for band in range(bands):
-                low = table[band, j, i] + f * (table[band, j, i + 1] - table[band, j, i])
-                high = table[band, j + 1, i] + f * (
-                    table[band, j + 1, i + 1] - table[band, j + 1, i]
-                )
-                total[band, y, x] += length * (low + g * (high - low))
+                before = low * table[row, band] + high * table[next_row, band]
+                after = low * table[row + ONE_ROW, band] + high * table[next_row + ONE_ROW, band]
+                total[band, y, x] += before + f * (after - before)
 
 
 @parallel_kernel

@@ -467,7 +467,6 @@ for limit in (20_000, 700_000, 1_200_000):
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="file size limits are a Unix matter")
 @pytest.mark.parametrize("in_memory", [0, 1 << 30])
 def test_a_full_disk_is_reported_and_leaves_no_file(in_memory: int, tmp_path: Path) -> None:
     done = subprocess.run(

@@ -20,6 +20,7 @@ COMMANDS = ("info", "horizon", "sky", "openness", "shadow", "light")
 # Commands that other packages bring, and the extra that installs them.
 EXTRAS = {"serve": "service", "worker": "service", "submit": "service"}
 GROUP = "adret.commands"
+INTERRUPTED = 130
 
 HELP = """How light falls on a height field: horizons, sky view, shadows and light from elevation
 models.
@@ -48,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except AdretError as error:
         return _stop(error)
     except KeyboardInterrupt:
-        return _say("interrupted", 130)
+        return _say("interrupted", INTERRUPTED)
     except MemoryError:
         return _say("memory: must be enough for this raster, got too little", 1)
     except OSError as error:
@@ -87,6 +88,8 @@ def _run(given: list[str]) -> int:
         if asked in EXTRAS and not known:
             raise InputError("command", _install(asked), asked) from None
         return _usage(error)
+    if code == INTERRUPTED:
+        raise KeyboardInterrupt
     return code if isinstance(code, int) else 0
 
 
@@ -123,7 +126,7 @@ def _usage(error: Any) -> int:
 
 def _stop(error: AdretError) -> int:
     if isinstance(error, Cancelled):
-        return _say(str(error) or "interrupted", 130)
+        return _say(str(error) or "interrupted", INTERRUPTED)
     if isinstance(error, InputError) and error.field.endswith("_deg"):
         error = InputError(error.field.removesuffix("_deg"), error.limit, error.value)
     return _say(" ".join(str(error).split()), 2)

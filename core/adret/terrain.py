@@ -94,6 +94,7 @@ class Terrain:
             cell_size = geodesy.cell_size(self._crs, self._transform, values.shape)
         self._cell_size = _checked_cell_size(cell_size)
         factor = geodesy.vertical_factor(vertical_unit)
+        self._vertical_unit = vertical_unit
         self._heights, self._datum = _heights.above_datum(values, masked, factor, datum)
         self._root_rows = (0, values.shape[0])
         self._left = 0
@@ -151,7 +152,9 @@ class Terrain:
         grid = rasters.open_heights(
             path, band, window, vertical_unit=vertical_unit, cell_size=cell_size
         )
-        return cls(grid.heights, grid.cell_size, grid.crs, grid.transform, datum=datum)
+        terrain = cls(grid.heights, grid.cell_size, grid.crs, grid.transform, datum=datum)
+        terrain._vertical_unit = grid.vertical_unit
+        return terrain
 
     @property
     def heights(self) -> NDArray[np.float32]:
@@ -162,6 +165,11 @@ class Terrain:
     def datum(self) -> float:
         """Metres to add to `heights`."""
         return self._datum
+
+    @property
+    def vertical_unit(self) -> str:
+        """Unit in which the heights came; here they are metres."""
+        return self._vertical_unit
 
     @property
     def cell_size(self) -> tuple[float, float]:
@@ -299,6 +307,7 @@ class Terrain:
         part._heights = self._heights[top:bottom, left:right].copy()
         part._heights.setflags(write=False)
         part._datum = self._datum
+        part._vertical_unit = self._vertical_unit
         part._cell_size = self._cell_size
         part._crs = self._crs
         part._transform = (

@@ -101,7 +101,7 @@ def test_info_tells_what_was_read(run: Run, example_dem: Path, dem: Path) -> Non
     assert facts["lowest_m"] == pytest.approx(502.0, abs=0.05)
     assert facts["highest_m"] == pytest.approx(4216.3, abs=0.05)
     assert facts["grid_convergence_deg"] == pytest.approx(0.35, abs=0.01)
-    assert facts["latitude_bands"] == 1
+    assert (facts["latitude_bands"], facts["vertical_unit"]) == (1, "m")
     table = run("info", dem).out
     assert re.search(r"cell size m\W+10 x 10", table)
     assert re.search(r"nodata share\W+0.00 %", table)
@@ -112,7 +112,7 @@ def test_cell_size_and_unit_can_be_said(run: Run, tmp_path: Path) -> None:
     Image.fromarray(np.arange(12, dtype=np.uint16).reshape(3, 4)).save(picture)
     done = run("info", picture, "--json", "--cell-size", "2,3", "--vertical-unit", "ft")
     facts = json.loads(done.out)
-    assert facts["cell_size_m"] == [2.0, 3.0]
+    assert (facts["cell_size_m"], facts["vertical_unit"]) == ([2.0, 3.0], "ft")
     assert facts["highest_m"] == pytest.approx(11 * 0.3048)
 
 

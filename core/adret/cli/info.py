@@ -84,6 +84,7 @@ def describe(terrain: "Terrain") -> dict[str, Any]:
         "grid_convergence_deg": terrain.grid_convergence_deg,
         "azimuth_error_deg": math.degrees(terrain.azimuth_error),
         "latitude_bands": len(terrain.latitude_bands(limit)),
+        "vertical_unit": terrain.vertical_unit,
         "lowest_m": float(np.nanmin(heights)) + terrain.datum,
         "highest_m": float(np.nanmax(heights)) + terrain.datum,
         "datum_m": terrain.datum,

@@ -282,7 +282,8 @@ CURVATURE_DEG = {
 
 def target(distance: float) -> Scene:
     """T8: two cells, the eastern one 1000 m higher at `distance` metres."""
-    return Scene(np.array([[0.0, 1000.0]]), (distance, 1.0), np.array([[True, False]]), {}, None)
+    heights = np.array([[0.0, 1000.0]])
+    return Scene(heights, (distance, distance), np.array([[True, False]]), {}, None)
 
 
 # T8: dip of the sea horizon [rad] for an eye 100 m above the sea: acos(R/(R+H)).

@@ -27,6 +27,7 @@ ANGLE_NODATA = 65535
 
 
 def horizon(terrain: "Terrain", parameters: HorizonParameters, progress: Progress | None) -> Result:
+    from adret._kernels.frames import to_elevation
     from adret.horizon import HorizonOptions, horizon_slopes
 
     given = parameters.azimuths_deg
@@ -38,7 +39,7 @@ def horizon(terrain: "Terrain", parameters: HorizonParameters, progress: Progres
     def layers() -> Iterator[tuple[int, NDArray[np.float32]]]:
         angle = np.empty(terrain.shape, dtype=np.float32)
         for k, slope in slopes:
-            np.arctan(slope, out=angle)
+            to_elevation(slope, angle)
             np.degrees(angle, out=angle)
             np.add(total, np.maximum(angle, 0.0), out=total)
             yield k, angle

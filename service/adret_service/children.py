@@ -45,7 +45,11 @@ class ComputeChild:
             If it cannot compute safely on this machine.
         """
         environment = {k: v for k, v in os.environ.items() if not k.startswith("ADRET_")}
-        environment |= {"NUMBA_NUM_THREADS": str(self.threads), "OMP_NUM_THREADS": "1"}
+        environment |= {
+            "NUMBA_NUM_THREADS": str(self.threads),
+            "OMP_NUM_THREADS": "1",
+            "OMP_WAIT_POLICY": "PASSIVE",
+        }
         self._answers = queue.Queue()
         self._process = subprocess.Popen(
             self.command,

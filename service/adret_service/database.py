@@ -34,7 +34,7 @@ jobs = sa.Table(
     sa.Column("status", sa.String(16), nullable=False, index=True),
     sa.Column("progress", sa.Integer, nullable=False),
     sa.Column("message", sa.Text, nullable=False),
-    sa.Column("error", sa.JSON, nullable=True),
+    sa.Column("error", sa.JSON(none_as_null=True), nullable=True),
     sa.Column("created", sa.Float, nullable=False),
     sa.Column("started", sa.Float, nullable=True),
     sa.Column("updated", sa.Float, nullable=False),

@@ -10,7 +10,7 @@ from fastapi import FastAPI
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 import adret
-from adret_service import problems
+from adret_service import documents, problems
 from adret_service.context import Service
 from adret_service.database import open_database
 from adret_service.datasets import DatasetCatalogue
@@ -63,6 +63,7 @@ def create_app(settings: Settings, engine: JobEngine | None = None) -> FastAPI:
         redoc_url=None,
         lifespan=lifespan,
         separate_input_output_schemas=False,
+        responses={"default": {"model": documents.Problem, "description": "Refused, and why."}},
     )
     for router in (landing, processes, jobs, datasets, health):
         app.include_router(router.router)

@@ -116,7 +116,7 @@ class Client:
                 raise refused(answer)
             digest = hashlib.sha256()
             with draft.open("wb") as file:
-                for piece in answer.iter_raw(CHUNK):
+                for piece in answer.iter_bytes(CHUNK):
                     digest.update(piece)
                     file.write(piece)
                     if got is not None:

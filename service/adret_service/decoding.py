@@ -26,6 +26,7 @@ __all__ = ["child", "read_dataset", "send_drivers"]
 
 KEPT_DRIVERS = {"GTiff", "COG", "PNG", "AAIGrid", "MEM"}
 NUMBER_BYTES = b"0123456789+-.,eE \t\r\nnaNAifIF"
+GRID_KEYS = (b"ncols", b"nrows", b"xll", b"yll", b"cellsize", b"dx", b"dy", b"nodata_value")
 PR_SET_NO_NEW_PRIVS = 38
 
 
@@ -154,7 +155,7 @@ def check_numbers() -> None:
     with open(UPLOAD, "rb") as file:
         header = True
         for line in iter(lambda: file.readline(1 << 20), b""):
-            header = header and line.lstrip()[:1].isalpha()
+            header = header and line.lower().lstrip().startswith(GRID_KEYS)
             if not header and line.translate(None, NUMBER_BYTES):
                 raise RasterError("file", "an ASCII grid of numbers", printable_start(line))
 

@@ -1,4 +1,4 @@
-"""The OpenAPI document: ``python -m adret_service.openapi [FILE]`` writes it."""
+"""The OpenAPI document: ``python -m adret_service.openapi`` writes it."""
 
 import json
 import sys
@@ -17,11 +17,9 @@ def document() -> str:
 
 
 def main() -> None:
-    """Write the document to the file named on the command line, or to standard output."""
-    if len(sys.argv) > 1:
-        Path(sys.argv[1]).write_text(document(), encoding="utf-8")
-    else:
-        sys.stdout.write(document())
+    """Write the document to the file on the command line, by default to ``openapi/adret.json``."""
+    target = Path(sys.argv[1] if len(sys.argv) > 1 else "openapi/adret.json")
+    target.write_text(document(), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -17,6 +17,19 @@ from adret_service.ids import new_id
 from adret_service.settings import Settings
 
 PROBLEM_KEYS = {"type", "title", "status", "detail", "instance", "errors", "request_id"}
+INFO = {
+    "rows": 40,
+    "columns": 50,
+    "cell_size": [30.0, 30.0],
+    "crs": None,
+    "crs_name": None,
+    "epsg": None,
+    "transform": None,
+    "datum": 0.0,
+    "lowest": 0.0,
+    "highest": 500.0,
+    "nodata_cells": 1,
+}
 OGC = "http://www.opengis.net/def/exceptions/ogcapi-processes-1/1.0/"
 
 
@@ -37,9 +50,8 @@ def known(client: AppClient, small_dem: Path) -> str:
     """A dataset's id, catalogued without decoding."""
     catalogue = client.app.state.service.catalogue
     raster = small_dem.rename(small_dem.with_name("heights.tif"))
-    info = {"rows": 40, "columns": 50}
     return str(
-        catalogue.add("local", raster, sha256="0" * 64, name="x", upload_bytes=1, info=info).id
+        catalogue.add("local", raster, sha256="0" * 64, name="x", upload_bytes=1, info=INFO).id
     )
 
 

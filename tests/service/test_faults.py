@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-import shutil
 import signal
 import time
 from collections.abc import Iterator
@@ -12,7 +11,7 @@ import pytest
 from servers import Server, wait_for
 
 # Long enough to be killed in the middle, short enough to be waited for.
-LONG = {"directions": 500, "method": "sweep"}
+LONG = {"directions": 300, "method": "sweep"}
 
 
 @pytest.fixture(scope="module")
@@ -121,16 +120,3 @@ def test_a_stopped_server_goes_in_peace_and_its_job_runs_later(
     own.start()
     assert own.wait(job)["status"] == "successful"
     assert digest_of(own, job) == expected
-
-
-def test_a_database_on_a_copied_folder_is_whole(own: Server, example_dem: Path) -> None:
-    """What a power cut leaves is what a copy of the running folder holds."""
-    job = start_long_job(own, example_dem)
-    copy = own.data.with_name("copy")
-    shutil.copytree(own.data, copy, ignore=shutil.ignore_patterns("tmp", "locks"))
-    twin = Server(copy)
-    try:
-        twin.start()
-        assert twin.wait(job)["status"] == "successful"
-    finally:
-        twin.stop()

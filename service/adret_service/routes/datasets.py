@@ -7,6 +7,7 @@ from fastapi import APIRouter, Query, Request, Response
 
 from adret_service.context import BaseUrl, Service, ServiceDep, Tenant
 from adret_service.datasets import Dataset, public
+from adret_service.documents import DatasetDocument, DatasetList
 from adret_service.ids import is_id
 from adret_service.ingest import ReadOptions
 from adret_service.paging import Before, Limit, page_links
@@ -36,7 +37,14 @@ UPLOAD_BODY = {
 }
 
 
-@router.post("/uploads", status_code=201, operation_id="upload", openapi_extra=UPLOAD_BODY)
+@router.post(
+    "/uploads",
+    status_code=201,
+    operation_id="upload",
+    response_model=DatasetDocument,
+    response_model_exclude_unset=True,
+    openapi_extra=UPLOAD_BODY,
+)
 async def upload(
     request: Request,
     response: Response,
@@ -62,7 +70,12 @@ async def upload(
     return body
 
 
-@router.get("/datasets", operation_id="getDatasets")
+@router.get(
+    "/datasets",
+    operation_id="getDatasets",
+    response_model=DatasetList,
+    response_model_exclude_unset=True,
+)
 def list_datasets(
     service: ServiceDep, tenant: Tenant, base: BaseUrl, limit: Limit = 100, before: Before = None
 ) -> dict[str, Any]:
@@ -74,7 +87,12 @@ def list_datasets(
     }
 
 
-@router.get("/datasets/{dataset_id}", operation_id="getDataset")
+@router.get(
+    "/datasets/{dataset_id}",
+    operation_id="getDataset",
+    response_model=DatasetDocument,
+    response_model_exclude_unset=True,
+)
 def get_dataset(
     dataset_id: str, service: ServiceDep, tenant: Tenant, base: BaseUrl
 ) -> dict[str, Any]:

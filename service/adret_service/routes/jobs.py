@@ -7,6 +7,7 @@ from fastapi import APIRouter, Query, Request, Response
 from adret_service.artefacts import serve_artefact
 from adret_service.context import BaseUrl, Service, ServiceDep, Tenant
 from adret_service.datasets import timestamp
+from adret_service.documents import ResultReference, StatusInfo, StatusList
 from adret_service.engine.port import JobRecord, JobStatus
 from adret_service.ids import is_id
 from adret_service.paging import Before, Limit, page_links
@@ -23,7 +24,9 @@ BINARY: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.get("/jobs", operation_id="getJobs")
+@router.get(
+    "/jobs", operation_id="getJobs", response_model=StatusList, response_model_exclude_unset=True
+)
 def list_jobs(
     service: ServiceDep,
     tenant: Tenant,
@@ -47,7 +50,12 @@ def list_jobs(
     }
 
 
-@router.get("/jobs/{job_id}", operation_id="getStatus")
+@router.get(
+    "/jobs/{job_id}",
+    operation_id="getStatus",
+    response_model=StatusInfo,
+    response_model_exclude_unset=True,
+)
 def get_job(
     job_id: str, response: Response, service: ServiceDep, tenant: Tenant, base: BaseUrl
 ) -> dict[str, Any]:
@@ -58,7 +66,12 @@ def get_job(
     return status_info(job, base)
 
 
-@router.delete("/jobs/{job_id}", operation_id="dismiss")
+@router.delete(
+    "/jobs/{job_id}",
+    operation_id="dismiss",
+    response_model=StatusInfo,
+    response_model_exclude_unset=True,
+)
 def delete_job(job_id: str, service: ServiceDep, tenant: Tenant, base: BaseUrl) -> dict[str, Any]:
     """Dismiss an unfinished job, which stops its work; remove a finished one with its results."""
     job = found_job(service, job_id, tenant)
@@ -70,7 +83,12 @@ def delete_job(job_id: str, service: ServiceDep, tenant: Tenant, base: BaseUrl) 
     return status_info(job, base) | {"message": "removed"}
 
 
-@router.get("/jobs/{job_id}/results", operation_id="getResults")
+@router.get(
+    "/jobs/{job_id}/results",
+    operation_id="getResults",
+    response_model=dict[str, ResultReference],
+    response_model_exclude_unset=True,
+)
 def get_results(job_id: str, service: ServiceDep, tenant: Tenant, base: BaseUrl) -> dict[str, Any]:
     """Return the outputs by reference."""
     artefacts = finished_results(service, job_id, tenant)

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from adret_service import processes
 from adret_service.context import BaseUrl, ServiceDep, Tenant
+from adret_service.documents import Process, ProcessList, StatusInfo
 from adret_service.engine.port import JobRecord
 from adret_service.ids import new_id
 from adret_service.problems import NO_SUCH_PROCESS, FieldError, Problem, invalid
@@ -30,7 +31,12 @@ class Execute(BaseModel):
     )
 
 
-@router.get("/processes", operation_id="getProcesses")
+@router.get(
+    "/processes",
+    operation_id="getProcesses",
+    response_model=ProcessList,
+    response_model_exclude_unset=True,
+)
 def list_processes(
     base: BaseUrl,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
@@ -50,7 +56,12 @@ def list_processes(
     }
 
 
-@router.get("/processes/{process_id}", operation_id="getProcessDescription")
+@router.get(
+    "/processes/{process_id}",
+    operation_id="getProcessDescription",
+    response_model=Process,
+    response_model_exclude_unset=True,
+)
 def describe_process(process_id: str, base: BaseUrl) -> dict[str, Any]:
     """Describe a process: its inputs as JSON Schema, its outputs, its limits."""
     _known(process_id)
@@ -60,7 +71,13 @@ def describe_process(process_id: str, base: BaseUrl) -> dict[str, Any]:
     }
 
 
-@router.post("/processes/{process_id}/execution", status_code=201, operation_id="execute")
+@router.post(
+    "/processes/{process_id}/execution",
+    status_code=201,
+    operation_id="execute",
+    response_model=StatusInfo,
+    response_model_exclude_unset=True,
+)
 def execute_process(
     process_id: str,
     order: Execute,

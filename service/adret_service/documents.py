@@ -1,0 +1,143 @@
+"""The JSON documents that the service sends, as the OpenAPI document describes them."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+__all__ = [
+    "DatasetDocument",
+    "DatasetList",
+    "Link",
+    "Problem",
+    "Process",
+    "ProcessList",
+    "Refused",
+    "ResultReference",
+    "StatusInfo",
+    "StatusList",
+]
+
+Status = Literal["accepted", "running", "successful", "failed", "dismissed"]
+Json = str | float | int | bool | None
+
+
+class Document(BaseModel):
+    """Base: documents may grow."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class Link(Document):
+    """A link to another document."""
+
+    href: str
+    rel: str
+    type: str | None = None
+    title: str | None = None
+
+
+class Refused(Document):
+    """A value that was refused."""
+
+    field: str
+    limit: str = Field(description="What it must be, read after 'must be'.")
+    value: Json = Field(description="What was given, shortened.")
+
+
+class Problem(Document):
+    """An error: RFC 9457, valid as an OGC exception."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    instance: str
+    errors: list[Refused]
+    request_id: str
+
+
+class StatusInfo(Document):
+    """A job: version 1.0 and the draft of 2.0 of OGC API - Processes in one."""
+
+    jobID: str
+    id: str
+    processID: str
+    type: Literal["process"]
+    processingEntityType: Literal["process"]
+    status: Status
+    message: str
+    progress: int = Field(ge=0, le=100, description="Percent.")
+    created: str
+    updated: str
+    started: str | None = None
+    finished: str | None = None
+    inputs: dict[str, Any]
+    exception: dict[str, Any] | None = Field(default=None, description="Why it failed.")
+    links: list[Link]
+
+
+class StatusList(Document):
+    """A page of jobs."""
+
+    jobs: list[StatusInfo]
+    links: list[Link]
+
+
+class ResultReference(Document):
+    """One output, by reference."""
+
+    href: str
+    type: str
+    length: int = Field(description="Bytes.")
+    sha256: str
+
+
+class DatasetDocument(Document):
+    """An elevation model in the service; heights are metres."""
+
+    id: str
+    name: str
+    sha256: str = Field(description="Digest of the upload, and of how it was to be read.")
+    size: int = Field(description="Bytes uploaded.")
+    created: str
+    rows: int
+    columns: int
+    cell_size: list[float] = Field(description="Ground width and height of a cell [m].")
+    crs: str | None = Field(description="WKT.")
+    crs_name: str | None
+    epsg: int | None
+    transform: list[float] | None = Field(
+        description="a, b, c, d, e, f: x = a column + b row + c, y = d column + e row + f."
+    )
+    lowest: float
+    highest: float
+    nodata_cells: int
+    links: list[Link]
+
+
+class DatasetList(Document):
+    """A page of datasets."""
+
+    datasets: list[DatasetDocument]
+    links: list[Link]
+
+
+class Process(Document):
+    """What can be computed."""
+
+    id: str
+    title: str
+    description: str
+    version: str
+    jobControlOptions: list[str]
+    outputTransmission: list[str]
+    links: list[Link]
+    inputs: dict[str, Any] | None = Field(default=None, description="By name, with JSON Schemas.")
+    outputs: dict[str, Any] | None = None
+
+
+class ProcessList(Document):
+    """A page of processes."""
+
+    processes: list[Process]
+    links: list[Link]

@@ -260,15 +260,14 @@ def _unfold(faces: NDArray[np.float32]) -> NDArray[np.float32]:
     side, bands = faces.shape[1], faces.shape[3]
     rows, columns, n = 2 * side, 4 * side, CUBE_SAMPLES
     around = 2.0 * np.pi * ((np.arange(columns * n) + 0.5) / (columns * n) - 0.5)
+    along, across = np.cos(around), np.sin(around)
     picture = np.zeros((rows, columns, bands), dtype=np.float32)
     for row in range(rows):
         polar = (row + (np.arange(n) + 0.5) / n) * (np.pi / rows)
         weight = np.sin(polar) / np.sin(polar).sum()
         for angle, share in zip(polar, weight, strict=True):
-            x = np.sin(angle) * np.cos(around)
-            y = np.full_like(around, np.cos(angle))
-            z = np.sin(angle) * np.sin(around)
-            seen = _look_up(faces, x, y, z)
+            x, z = np.sin(angle) * along, np.sin(angle) * across
+            seen = _look_up(faces, x, np.full_like(x, np.cos(angle)), z)
             mean = seen.reshape(columns, n, bands).mean(axis=1)
             picture[row] += (share * mean).astype(np.float32)
     return picture

@@ -147,6 +147,8 @@ def direct_light(
     """
     if not isinstance(terrain, Terrain):
         raise InputError("terrain", "a Terrain", type(terrain).__name__)
+    if not callable(getattr(sky, "slices", None)):
+        raise InputError("sky", "a UniformSky, OvercastSky, Sun or Environment", sky)
     count = len(azimuth_set(directions))
     options = HorizonOptions(**horizon)
     receivers = Receivers(*_slopes(terrain, normals))

@@ -99,7 +99,7 @@ def shadow(
     >>> wall = np.zeros((1, 6)); wall[0, 0] = 10.0
     >>> shade = adret.shadow(adret.Terrain(wall, (10.0, 10.0)), adret.Sun(270.0, 20.0))
     >>> shade.code[0]
-    array([0, 2, 2, 0, 0, 0], dtype=uint8)
+    array([1, 1, 2, 0, 0, 0], dtype=uint8)
     """
     if not isinstance(terrain, Terrain):
         raise InputError("terrain", "a Terrain", type(terrain).__name__)

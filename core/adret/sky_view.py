@@ -83,9 +83,9 @@ def sky_view_factor(
     Examples
     --------
     >>> import numpy as np, adret
-    >>> valley = adret.Terrain(np.abs(np.arange(-50.0, 51.0)) * np.ones((101, 1)), (1.0, 1.0))
-    >>> round(float(adret.sky_view_factor(valley, "normal")[50, 25]), 2)  # cos² 45°
-    0.51
+    >>> slope = adret.Terrain(np.tile(np.arange(9.0), (9, 1)), (1.0, 1.0))  # 45 degrees
+    >>> round(float(adret.sky_view_factor(slope, "normal")[4, 4]), 4)
+    0.8536
     """
     if kind not in get_args(Kind):
         raise InputError("kind", f"one of {', '.join(get_args(Kind))}", kind)

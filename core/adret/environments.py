@@ -50,18 +50,21 @@ class Environment:
     A slice of the sky holds every pixel of its swath of azimuths, pixels at its borders by the
     share that lies inside. Its horizon is taken at the azimuth of its light (the mean direction of
     what comes from above the horizontal), so that a sun in the picture casts its shadow where it
-    should; in even light that is the middle of the swath. A wall that faces a low sun is then lit
-    within 0.05 % at 64 azimuths, where swaths about fixed azimuths are off by up to 4 %.
+    should; in even light that is the middle of the swath. Walls that face the horizon are then lit
+    within 0.25 % at 64 azimuths in five measured maps; with swaths about fixed azimuths a wall that
+    faces a low sun was off by 3.7 %.
 
     The moments A(e) and B(e) are exact at the borders of the map's rows (at least 512 steps from
     nadir to zenith) and linear in between. Light from below the horizontal counts where a cell can
     see it: over a cliff, or on a slope that looks down.
 
-    Between tabulated normals, paper P1 interpolates linearly. Done in the angle, that is off by 2 %
-    on average with 8 normal angles and by 0.4 % with 16 (against 256, Alps at 200 m, a hall with
-    daylight windows); the cosine bends too much. Here the normal itself is interpolated, as the sum
-    of the two beside it: 0.06 % and 0.01 %, 0.2 % and 0.03 % under a high sun. Only the cut at the
-    cell's own plane is then approximate; a low sun that grazes it still makes 2 % and 0.2 %.
+    Between tabulated normals, paper P1 interpolates linearly. Done in the angle, the mean error
+    against 256 normal angles is 1.6 % with 8 and 0.35 % with 16 (Alps at 200 m, 32 azimuths, a hall
+    with daylight windows), because the cosine bends too much. Here the normal itself is
+    interpolated, as the sum of the two beside it: 0.09 % and 0.014 %; the paper has 0.16 % and
+    0.03 %. Only the cut at the cell's own plane stays approximate; maps with a sun have 0.2 % and
+    0.04 % (high sun) to 1.6 % and 0.18 % (a low sun with half of the light). The moments form is
+    within 0.001 % of the table's limit, and three times quicker.
 
     Examples
     --------

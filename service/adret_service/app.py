@@ -18,7 +18,7 @@ from adret_service.engine.durable import DurableEngine
 from adret_service.engine.liveness import Lease, sweep_scratch
 from adret_service.engine.port import JobEngine
 from adret_service.ingest import Ingest
-from adret_service.middleware import BodyLimit, RequestId
+from adret_service.middleware import BodyLimit, RequestId, SameOrigin
 from adret_service.routes import datasets, health, jobs, landing, processes
 from adret_service.settings import Settings
 from adret_service.storage import Storage
@@ -69,6 +69,7 @@ def create_app(settings: Settings, engine: JobEngine | None = None) -> FastAPI:
         app.include_router(router.router)
     problems.install(app)
     app.add_middleware(BodyLimit, limit=settings.max_body_bytes, exempt="/uploads")
+    app.add_middleware(SameOrigin)
     if not settings.allow_insecure_bind:
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=allowed_hosts(settings))
     app.add_middleware(RequestId)

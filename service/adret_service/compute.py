@@ -60,7 +60,10 @@ def main() -> None:
     orders = Orders(sys.stdin)
 
     def answer(**message: Any) -> None:
-        answers.write(json.dumps(message) + "\n")
+        try:
+            answers.write(json.dumps(message) + "\n")
+        except BrokenPipeError:
+            os._exit(0)  # the worker is gone
 
     try:
         answer(event="ready", layer=warm_up())

@@ -1,15 +1,16 @@
 """What happens to every request: an id of its own, and a limit on its body."""
 
 import re
+from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from adret_service.ids import new_id
-from adret_service.problems import Problem, render, too_large
+from adret_service.problems import FieldError, Problem, render, too_large
 
-__all__ = ["BodyLimit", "RequestId"]
+__all__ = ["BodyLimit", "RequestId", "SameOrigin"]
 
 _GIVEN = re.compile(r"[\w.-]{1,64}", re.ASCII)
 
@@ -35,6 +36,25 @@ class RequestId:
             await send(message)
 
         await self.app(scope, receive, send_with_id)
+
+
+class SameOrigin:
+    """Refuses changes that a web page of another origin asks a visitor's browser to make."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request."""
+        if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD", "OPTIONS"):
+            headers = Headers(scope=scope)
+            origin = headers.get("origin")
+            if origin is not None and urlsplit(origin).netloc != headers.get("host"):
+                error = FieldError("origin", "this service's own, or absent", origin)
+                problem = Problem(403, str(error), errors=[error])
+                await render(Request(scope), problem)(scope, receive, send)
+                return
+        await self.app(scope, receive, send)
 
 
 class BodyLimit:

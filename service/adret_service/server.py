@@ -2,9 +2,6 @@
 
 import contextlib
 
-import uvicorn
-
-from adret_service.app import create_app
 from adret_service.settings import Settings
 from adret_service.supervisor import Supervisor
 from adret_service.worker import set_up_logging
@@ -15,18 +12,24 @@ __all__ = ["serve"]
 def serve(settings: Settings) -> None:
     """Serve until a signal comes."""
     set_up_logging(settings)
-    config = uvicorn.Config(
-        create_app(settings),
-        host=settings.host,
-        port=settings.port,
-        log_level=settings.log_level,
-        log_config=None,
-        server_header=False,
-        proxy_headers=False,
-        limit_concurrency=1000,
-        timeout_graceful_shutdown=5,
-    )
     with contextlib.ExitStack() as stack:
         if settings.role == "all":
             stack.enter_context(Supervisor(settings))
+
+        # Imported while the workers start.
+        import uvicorn
+
+        from adret_service.app import create_app
+
+        config = uvicorn.Config(
+            create_app(settings),
+            host=settings.host,
+            port=settings.port,
+            log_level=settings.log_level,
+            log_config=None,
+            server_header=False,
+            proxy_headers=False,
+            limit_concurrency=1000,
+            timeout_graceful_shutdown=5,
+        )
         uvicorn.Server(config).run()

@@ -162,6 +162,14 @@ def descendants(pid: int) -> list[int]:
     return found
 
 
+def gone(pid: int) -> bool:
+    """Whether a process has ended, even if nobody has collected its status yet."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+
+
 def command_line(pid: int) -> bytes:
     """Command line of a process; empty once it is gone."""
     try:

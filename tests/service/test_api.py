@@ -311,6 +311,15 @@ def test_a_page_elsewhere_cannot_rebind_its_name_to_the_service(client: AppClien
     assert client.get("/jobs", headers={"Host": "evil.example"}).status_code == 400
 
 
+def test_a_page_elsewhere_cannot_send_uploads(client: AppClient) -> None:
+    foreign = {"Origin": "https://evil.example"}
+    body = problem(client.post("/uploads", content=b"x", headers=foreign), 403)
+    assert body["errors"][0]["field"] == "origin"
+    assert client.get("/jobs", headers=foreign).status_code == 200
+    own = {"Origin": "http://127.0.0.1"}
+    assert client.post("/uploads", content=b"x", headers=own).status_code == 415
+
+
 def test_validated_inputs_rebuild_the_librarys_parameters() -> None:
     dataset, inputs = processes.validated(
         "light", {"dataset": "0" * 26, "sun_deg": [315, 35], "sky": "overcast"}

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from servers import Server, wait_for
+from servers import Server, gone, wait_for
 
 # Long enough to be killed in the middle, short enough to be waited for.
 LONG = {"directions": 300, "method": "sweep"}
@@ -70,7 +70,7 @@ def test_a_killed_worker_is_replaced_and_its_jobs_are_finished(
     waiting = own.submit("shadow", dataset=own.status(job)["inputs"]["dataset"])
     compute = own.children("adret_service.compute")[0]
     os.kill(own.children("adret_service.worker")[0], signal.SIGKILL)
-    took = wait_for(lambda: not Path(f"/proc/{compute}").exists(), 5.0, own.log)
+    took = wait_for(lambda: gone(compute), 5.0, own.log)
     assert took < 2.0, "the computing process outlived its worker"
     assert own.wait(job)["status"] == "successful"
     assert own.wait(waiting)["status"] == "successful"
@@ -85,7 +85,7 @@ def test_a_killed_server_finishes_its_jobs_after_a_restart(
     waiting = [own.submit("shadow", dataset=own.status(job)["inputs"]["dataset"]) for _ in range(3)]
     workers = own.children("adret_service")
     own.kill()
-    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers), 5.0, own.log)
+    wait_for(lambda: all(map(gone, workers)), 5.0, own.log)
     own.start()
     assert own.wait(job)["status"] == "successful"
     for each in waiting:

@@ -15,9 +15,9 @@ from adret_service.datasets import DatasetCatalogue
 from adret_service.engine.memory import MemoryEngine
 from adret_service.engine.port import JobRecord, JobStatus
 from adret_service.ids import new_id
+from adret_service.running import JobRunner
 from adret_service.settings import Settings
 from adret_service.storage import Artefact, Storage
-from adret_service.worker import JobRunner
 
 # Speaks the protocol of adret_service.compute and does what the job's input "act" says.
 CHILD = """

@@ -104,12 +104,16 @@ class DurableEngine(SqlLedger):
         self._client.delete_workflow(job_id)
         return True
 
+    def waiting(self) -> int:
+        """Return how many jobs wait in the queue."""
+        return self.count(JobStatus.ACCEPTED)
+
     def health(self) -> EngineHealth:
         """Count jobs and live workers, and prove that the database takes a write."""
         with self.database.begin() as connection:
             connection.execute(sa.text("UPDATE adret_meta SET schema_version = schema_version"))
         return EngineHealth(
-            waiting=self.count(JobStatus.ACCEPTED),
+            waiting=self.waiting(),
             running=self.count(JobStatus.RUNNING),
             workers=len(live(self.settings.locks_dir, "worker")),
         )
@@ -189,7 +193,7 @@ class Reaper:
                 if is_dead(self.settings.locks_dir, owner):
                     revived += sum(self._revive(job_id) for job_id in job_ids)
             for job_id in self.engine.stranded():
-                self._give_up(job_id)
+                self._give_up(job_id, "the worker failed while it ran the job")
             sweep_scratch(self.settings.locks_dir, self.settings.scratch_dir)
         return revived
 
@@ -199,16 +203,15 @@ class Reaper:
             self.engine.drop(job_id)
             return False
         if count > self.settings.job_max_revivals:
-            self._give_up(job_id)
+            limit = self.settings.job_max_revivals
+            self._give_up(job_id, f"the job lost its worker too often (limit: {limit} times)")
             self.engine.drop(job_id)
             return False
         log.warning("job %s lost its worker (%d times); back into the queue", job_id, count)
         self.engine.requeue(job_id)
         return True
 
-    def _give_up(self, job_id: str) -> None:
-        limit = self.settings.job_max_revivals
-        detail = f"the job lost its worker too often (limit: {limit} times)"
+    def _give_up(self, job_id: str, detail: str) -> None:
         self.engine.fail(job_id, {"type": "about:blank", "status": 500, "detail": detail})
 
     def _loop(self) -> None:

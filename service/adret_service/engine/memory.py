@@ -66,6 +66,10 @@ class MemoryEngine:
         with self._lock:
             return self._jobs.pop(job_id, None) is not None
 
+    def waiting(self) -> int:
+        """Count the jobs that wait."""
+        return self.health().waiting
+
     def health(self) -> EngineHealth:
         """Count the jobs."""
         states = [job.status for job in self._jobs.values()]

@@ -85,6 +85,9 @@ class JobEngine(Protocol):
     def remove(self, job_id: str, tenant: str) -> bool:
         """Forget a finished job; False if it is unknown or not finished."""
 
+    def waiting(self) -> int:
+        """Return how many jobs wait in the queue."""
+
     def health(self) -> EngineHealth:
         """Return queue depth and live workers; raises if the database cannot be written."""
 

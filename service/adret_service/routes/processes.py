@@ -95,7 +95,7 @@ def execute_process(
         raise invalid(unknown)
     _wanted_outputs(process_id, order.outputs)
     require_room(service)
-    waiting = service.engine.health().waiting
+    waiting = service.engine.waiting()
     if waiting >= service.settings.queue_max:
         detail = f"queue: must be below {service.settings.queue_max} waiting jobs, got {waiting}"
         raise Problem(503, detail, headers={"Retry-After": "30"})

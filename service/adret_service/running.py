@@ -1,0 +1,212 @@
+"""Runs jobs: from a claimed id to published results and a record that says how it ended."""
+
+import errno
+import logging
+import queue
+import shutil
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+from adret_service.children import TICK, ComputeChild, Message
+from adret_service.compute import PREVIEW, RESULT
+from adret_service.database import persist
+from adret_service.datasets import GEOTIFF, DatasetCatalogue
+from adret_service.engine.port import JobLedger, JobRecord
+from adret_service.settings import Settings
+from adret_service.storage import Artefact, Storage
+
+__all__ = ["JobRunner"]
+
+log = logging.getLogger("adret.worker")
+
+REPORT = 0.5  # seconds between two notes of progress
+FULL_DISK = (errno.ENOSPC, errno.EDQUOT)
+ROOM = 16 << 20  # bytes below which a failed write is taken for a full disk
+
+
+class JobRunner:
+    """Runs jobs by id, as many at a time as it has children.
+
+    Parameters
+    ----------
+    settings : Settings
+        Limits and timings.
+    ledger : JobLedger
+        Where states and progress are noted.
+    catalogue : DatasetCatalogue
+        Where inputs are found.
+    storage : Storage
+        Where results go.
+    scratch : Path
+        Folder of this process.
+    children : list of ComputeChild
+        One a slot.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        ledger: JobLedger,
+        catalogue: DatasetCatalogue,
+        storage: Storage,
+        scratch: Path,
+        children: list[ComputeChild],
+    ) -> None:
+        self.settings = settings
+        self.ledger = ledger
+        self.catalogue = catalogue
+        self.storage = storage
+        self.scratch = scratch
+        self.stopping = threading.Event()
+        self._children = children
+        self._free: queue.Queue[ComputeChild] = queue.Queue()
+        for child in children:
+            self._free.put(child)
+
+    def execute(self, job_id: str) -> None:
+        """Run one job until its record says how it ended; safe to repeat after any crash."""
+        job = persist(lambda: self.ledger.begin(job_id))
+        if job is None:
+            return
+        prefix = prefix_of(job)
+        if self.storage.manifest(prefix) is None:
+            child = self._free.get()
+            try:
+                error = self._compute(job, child)
+            finally:
+                self._free.put(child)
+        else:
+            error = None  # a crash between the manifest and the record
+        if self.stopping.is_set():
+            hold()
+        if error is None:
+            kept = persist(lambda: self.ledger.succeed(job_id))
+        else:
+            kept = persist(lambda: self.ledger.fail(job_id, error))
+        if not kept or error is not None:
+            self.storage.delete(prefix)
+
+    def stop(self) -> None:
+        """End all children; jobs in progress are left for the next worker."""
+        self.stopping.set()
+        for child in self._children:
+            child.kill()
+
+    def _compute(self, job: JobRecord, child: ComputeChild) -> Mapping[str, Any] | None:
+        """Compute and publish, again after a crash or a full disk; returns an error or None."""
+        dataset = persist(lambda: self.catalogue.get(job.dataset, job.tenant))
+        if dataset is None:
+            return failure(400, f"dataset: must be an existing dataset, got {job.dataset!r}")
+        deadline = time.monotonic() + self.settings.job_timeout
+        crashes = 0
+        while not self.stopping.is_set():
+            folder = self.scratch / job.id
+            folder.mkdir(exist_ok=True)
+            order = {
+                "process": job.process,
+                "inputs": dict(job.inputs),
+                "raster": str(self.storage.path(dataset.key).absolute()),
+                "info": dict(dataset.info),
+                "folder": str(folder.absolute()),
+            }
+            try:
+                end = child.run(
+                    order, Notes(self, job.id, deadline).take, self.settings.cancel_grace
+                )
+                if end["event"] == "done":
+                    self._publish(job, folder)
+                    return None
+                room = shutil.disk_usage(folder).free
+            except OSError as error:
+                if error.errno not in FULL_DISK:
+                    raise
+                end, room = {"event": "failed", "full": True}, 0
+            finally:
+                shutil.rmtree(folder, ignore_errors=True)
+            if end["event"] == "cancelled":
+                if time.monotonic() > deadline:
+                    return failure(500, f"the job ran longer than {self.settings.job_timeout:g} s")
+                return None
+            if end["event"] == "refused":
+                return failure(
+                    400,
+                    f"{end['field']}: must be {end['limit']}, got {end['value']}",
+                    [{k: end[k] for k in ("field", "limit", "value")}],
+                )
+            if end["event"] == "failed" and not end.get("full") and room > ROOM:
+                return failure(500, f"the computation failed ({end['reason']})")
+            if end["event"] == "failed":
+                self._wait_for_room(job.id)
+                continue
+            crashes += 1
+            log.warning("job %s: its computing process died (exit %s)", job.id, end["exit"])
+            if crashes >= self.settings.job_max_attempts and not self.stopping.is_set():
+                return failure(500, f"the computing process died {crashes} times")
+        return None
+
+    def _publish(self, job: JobRecord, folder: Path) -> None:
+        prefix = prefix_of(job)
+        artefacts: dict[str, Artefact] = {
+            "result": self.storage.publish(
+                folder / RESULT, prefix, RESULT, f"{GEOTIFF}; profile=cloud-optimized"
+            )
+        }
+        if (folder / PREVIEW).exists():
+            artefacts["preview"] = self.storage.publish(
+                folder / PREVIEW, prefix, PREVIEW, "image/png"
+            )
+        self.storage.write_manifest(
+            prefix, artefacts, {"process": job.process, "inputs": dict(job.inputs)}
+        )
+
+    def _wait_for_room(self, job_id: str) -> None:
+        log.warning("job %s waits for disk space", job_id)
+        persist(lambda: self.ledger.progress(job_id, 0, "waiting for disk space"))
+        self.stopping.wait(5.0)
+
+
+class Notes:
+    """Turns a child's messages into notes of progress, and says when to stop."""
+
+    def __init__(self, runner: JobRunner, job_id: str, deadline: float) -> None:
+        self.runner = runner
+        self.job_id = job_id
+        self.deadline = deadline
+        self._asked = self._reported = -1e9
+        self._percent = -1
+
+    def take(self, message: Message | None) -> bool:
+        """Note a message; False once the job is to stop."""
+        now = time.monotonic()
+        if message is not None and now - self._reported >= REPORT:
+            percent = 99 * message["done"] // max(message["total"], 1)
+            if percent != self._percent:
+                self._percent, self._reported = percent, now
+                persist(lambda: self.runner.ledger.progress(self.job_id, percent, "running"))
+        if self.runner.stopping.is_set() or now > self.deadline:
+            return False
+        if now - self._asked < TICK:
+            return True
+        self._asked = now
+        return persist(lambda: self.runner.ledger.wanted(self.job_id))
+
+
+def prefix_of(job: JobRecord) -> str:
+    """Return the folder of a job's results in the store."""
+    return f"{job.tenant}/jobs/{job.id}"
+
+
+def failure(
+    status: int, detail: str, errors: list[dict[str, Any]] | None = None
+) -> Mapping[str, Any]:
+    """Return the error that a failed job keeps."""
+    return {"type": "about:blank", "status": status, "detail": detail, "errors": errors or []}
+
+
+def hold() -> NoReturn:
+    """Wait for the end of the process: returning would tell the queue that the job is done."""
+    while True:
+        time.sleep(3600.0)

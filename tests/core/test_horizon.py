@@ -3,6 +3,7 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
+from affine import Affine
 from hypothesis import assume, given
 from numpy.typing import NDArray
 
@@ -262,6 +263,35 @@ def test_exact_on_rough_terrain_with_voids(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(
         result.elevation[:, cells[:, 0], cells[:, 1]], want, atol=1e-5, rtol=0
     )
+
+
+@pytest.mark.parametrize("method", ["exact", "sweep", "march"])
+def test_geographic_rows_use_their_own_metres(method: str, rng: np.random.Generator) -> None:
+    """Ten degrees of latitude: every band of rows is swept with its own cell size."""
+    z = scenes.fractal(rng, (80, 60), relief=20_000.0)
+    transform = Affine(0.125, 0.0, 7.0, 0.0, -0.125, 68.0)
+    terrain = adret.Terrain(z, crs="EPSG:4326", transform=transform, datum=10_000.0)
+    bands = terrain.latitude_bands(np.radians(0.5))
+    assert len(bands) > 3
+    azimuths = [0.0, 0.4, np.pi / 2, 2.2, 4.0, 5.1]
+    result = adret.horizon_map(
+        terrain, azimuths=azimuths, method=method, near=128, radius=6_371_000.0
+    )
+    assert result.report.bands == len(bands)
+    cells = np.stack([rng.integers(0, 80, 60), rng.integers(0, 60, 60)], axis=-1)
+    at = adret.horizon_at(terrain, cells[:, 0], cells[:, 1], azimuths=azimuths, radius=6_371_000.0)
+    for band in bands:
+        start, stop, size = band.start, band.stop, band.cell_size
+        inside = (cells[:, 0] >= start) & (cells[:, 0] < stop)
+        want = oracles.horizons(z, size, cells[inside], azimuths, radius=6_371_000.0)
+        got = result.elevation[:, cells[inside, 0], cells[inside, 1]]
+        np.testing.assert_allclose(at[:, inside], want, atol=1e-5, rtol=0)
+        if method == "march":
+            assert (got <= want + 1e-5).all()
+        else:
+            np.testing.assert_allclose(got, want, atol=1e-5, rtol=0)
+    # The metres of a degree of longitude do change.
+    assert bands[-1].cell_size[0] > 1.3 * bands[0].cell_size[0]
 
 
 # --- options -------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 import adret
 import oracles
 import scenes
+from adret.horizon import HorizonOptions
 
 METHODS = ["exact", "sweep", "march", "hull"]
 RANGED = ["exact", "sweep", "march"]  # those that take max_distance
@@ -213,6 +214,33 @@ def test_window_with_its_halo_is_the_whole_byte_for_byte(
                 part, kind=kind, directions=20, method=method, max_distance=limit
             )
             assert cut[part.core].tobytes() == view[wanted[1:]].tobytes()
+
+
+@pytest.mark.parametrize("near", [0, 4, 16])
+def test_far_field_of_a_window_is_the_whole_byte_for_byte(
+    near: int, rng: np.random.Generator
+) -> None:
+    """A range beyond the near field: the hull sweep must not see where the raster was cut."""
+    z = scenes.fractal(rng, (130, 150), relief=500.0)
+    z[rng.random(z.shape) < 0.002] = np.nan
+    terrain = adret.Terrain(z, CELL, datum=250.0)
+    options = HorizonOptions(near=near, max_distance=317.0, radius=6_371_000.0)
+    keywords = {"near": near, "max_distance": 317.0, "radius": 6_371_000.0}
+    halo = options.halo(CELL)
+    whole = adret.horizon_map(terrain, 20, distance=True, **keywords)
+    view = adret.sky_view_factor(terrain, directions=20, **keywords)
+    assert whole.distance is not None
+    assert np.nanmax(whole.distance) <= 317.0 + 3.0 * max(CELL)
+    for rows, columns in [((0, 40), (0, 50)), ((47, 90), (61, 104)), ((90, 130), (104, 150))]:
+        part = terrain.window(rows, columns, halo=halo)
+        tile = adret.horizon_map(part, 20, distance=True, **keywords)
+        assert tile.distance is not None
+        cut = (slice(None), *part.core)
+        wanted = (slice(None), slice(*rows), slice(*columns))
+        assert tile.elevation[cut].tobytes() == whole.elevation[wanted].tobytes()
+        assert tile.distance[cut].tobytes() == whole.distance[wanted].tobytes()
+        tile_view = adret.sky_view_factor(part, directions=20, **keywords)
+        assert tile_view[part.core].tobytes() == view[wanted[1:]].tobytes()
 
 
 # --- shadow and light ----------------------------------------------------------------------------

@@ -92,5 +92,7 @@ def test_city_sky_view_of_rastertools(method: str, data_dir: Path) -> None:
     part = city.window((200, 500), (200, 560), halo=51)
     cube = adret.horizon_map(part, 16, method=method, max_distance=25.0).elevation
     ours = np.cos(np.maximum(cube, 0.0)).mean(axis=0)[part.core]
-    off = np.abs(ours - published[200:500, 200:560])
-    assert off.mean() < 0.02
+    there = published[200:500, 200:560]
+    # Theirs marches over nearest cells, ours over the crossings between them.
+    assert np.abs(ours - there).mean() < 0.005
+    assert np.corrcoef(ours.ravel(), there.ravel())[0, 1] > 0.9995

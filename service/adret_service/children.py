@@ -11,12 +11,16 @@ import time
 from collections.abc import Callable
 from typing import IO, Any
 
-__all__ = ["TICK", "ComputeChild", "Message"]
+__all__ = ["TICK", "ComputeChild", "Message", "Unfit"]
 
 TICK = 0.1  # seconds between looks at whether a job is still wanted
 START_PATIENCE = 300.0  # seconds to compile all kernels on a slow machine
 
 Message = dict[str, Any]
+
+
+class Unfit(Exception):
+    """This machine cannot compute, today or tomorrow."""
 
 
 class ComputeChild:
@@ -41,8 +45,10 @@ class ComputeChild:
 
         Raises
         ------
-        RuntimeError
+        Unfit
             If it cannot compute safely on this machine.
+        RuntimeError
+            If it died or hung while it started.
         """
         environment = {k: v for k, v in os.environ.items() if not k.startswith("ADRET_")}
         environment |= {
@@ -65,9 +71,12 @@ class ComputeChild:
             first = self._answers.get(timeout=START_PATIENCE)
         except queue.Empty:
             first = None
-        if first is None or first["event"] != "ready":
+        if first is None:
             self.kill()
-            raise RuntimeError((first or {}).get("reason", "the computing process did not start"))
+            raise RuntimeError("the computing process died or hung while it started")
+        if first["event"] != "ready":
+            self.kill()
+            raise Unfit(first["reason"])
         return str(first["layer"])
 
     def run(self, order: Message, note: Callable[[Message | None], bool], grace: float) -> Message:
@@ -102,7 +111,7 @@ class ComputeChild:
                     return message
                 if not note(message or None):
                     return self._cancel(grace)
-        except (BrokenPipeError, RuntimeError):
+        except (BrokenPipeError, RuntimeError, Unfit):
             return self._died()
 
     def kill(self) -> None:
@@ -134,10 +143,14 @@ class ComputeChild:
         return {"event": "died", "exit": code}
 
     def _send(self, message: Any) -> None:
-        assert self._process is not None
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(message) + "\n")
-        self._process.stdin.flush()
+        process = self._process
+        if process is None or process.stdin is None or process.stdin.closed:
+            raise BrokenPipeError  # killed by another thread
+        try:
+            process.stdin.write(json.dumps(message) + "\n")
+            process.stdin.flush()
+        except ValueError:  # closed in between
+            raise BrokenPipeError from None
 
 
 def _pump(source: IO[str], answers: "queue.Queue[Message | None]") -> None:

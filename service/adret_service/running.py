@@ -68,6 +68,19 @@ class JobRunner:
 
     def execute(self, job_id: str) -> None:
         """Run one job until its record says how it ended; safe to repeat after any crash."""
+        for attempt in range(1, self.settings.job_max_attempts + 1):
+            try:
+                self._execute(job_id)
+                return
+            except Exception:
+                if self.stopping.is_set():
+                    hold()
+                log.exception("job %s: attempt %d failed in the worker", job_id, attempt)
+                self.stopping.wait(float(attempt))
+        error = failure(500, "the worker failed while it ran the job")
+        persist(lambda: self.ledger.fail(job_id, error))
+
+    def _execute(self, job_id: str) -> None:
         job = persist(lambda: self.ledger.begin(job_id))
         if job is None:
             return

@@ -14,7 +14,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from typing import IO, NoReturn
 
-from adret_service.children import ComputeChild
+from adret_service.children import ComputeChild, Unfit
 from adret_service.engine.liveness import Lease
 from adret_service.settings import Settings
 
@@ -56,10 +56,12 @@ def run_worker(settings: Settings, watched: IO[str] | None = None) -> NoReturn:
         engine = DurableEngine(settings, database)
     try:
         layers = {start.result() for start in starting}
-    except RuntimeError as error:
-        log.error("this machine cannot compute: %s", error)
+    except (Unfit, RuntimeError) as error:
+        log.error("no computing process: %s", error)
+        for child in children:
+            child.kill()
         lease.release()
-        os._exit(UNFIT)
+        os._exit(UNFIT if isinstance(error, Unfit) else 1)
     catalogue = DatasetCatalogue(database, storage)
     runner = JobRunner(settings, engine, catalogue, storage, lease.scratch, children)
     reaper = Reaper(engine, settings)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from adret_service.children import ComputeChild
+from adret_service.children import ComputeChild, Unfit
 from adret_service.database import open_database
 from adret_service.datasets import DatasetCatalogue
 from adret_service.engine.memory import MemoryEngine
@@ -218,11 +218,34 @@ def test_a_job_dismissed_while_it_is_published_leaves_no_files(
     assert not bench.storage.path(f"t/jobs/{job}").exists()
 
 
+def test_a_worker_that_stumbles_tries_again_and_then_says_so(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    publish, stumbles = bench.storage.publish, [1]
+
+    def clumsy(source: Path, prefix: str, name: str, media_type: str) -> Artefact:
+        if stumbles:
+            stumbles.pop()
+            raise OSError(errno.EIO, "input/output error")
+        return publish(source, prefix, name, media_type)
+
+    monkeypatch.setattr(bench.storage, "publish", clumsy)
+    monkeypatch.setattr(bench.runner.stopping, "wait", lambda _: None)
+    assert bench.run("work").status is JobStatus.SUCCESSFUL
+    stumbles += [1, 1]
+    job = bench.run("work")
+    assert (job.status, job.message) == (
+        JobStatus.FAILED,
+        "the worker failed while it ran the job",
+    )
+    assert list(bench.scratch.iterdir()) == []
+
+
 def test_a_child_that_cannot_compute_says_why() -> None:
     unfit = 'import json; print(json.dumps({"event": "unfit", "reason": "no tbb"}), flush=True)'
-    with pytest.raises(RuntimeError, match="no tbb"):
+    with pytest.raises(Unfit, match="no tbb"):
         ComputeChild(1, [sys.executable, "-c", unfit]).start()
-    with pytest.raises(RuntimeError, match="did not start"):
+    with pytest.raises(RuntimeError, match="died or hung"):
         ComputeChild(1, [sys.executable, "-c", "raise SystemExit(1)"]).start()
 
 

@@ -16,7 +16,10 @@ settings.register_profile(
     max_examples=60,
     suppress_health_check=[HealthCheck.too_slow],
 )
-settings.register_profile("search", settings.get_profile("repeatable"), derandomize=False)
+# HYPOTHESIS_PROFILE=search looks for new counter-examples for some minutes.
+settings.register_profile(
+    "search", settings.get_profile("repeatable"), derandomize=False, max_examples=2000
+)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 

@@ -31,8 +31,6 @@ Progress = Callable[[int, int], None]
 
 NEAR_DEFAULT = 24
 NEAR_MAX = 4096
-MAX_AZIMUTH_ERROR = math.radians(0.5)
-"""Latitude bands keep the azimuth error of a geographic raster below this."""
 
 
 def _number(field: str, value: Any, low: float, high: float, limit: str) -> float:
@@ -92,8 +90,8 @@ class HorizonOptions:
         """Largest distance [m], infinity for none."""
         return math.inf if self.max_distance is None else float(self.max_distance)
 
-    def halo(self, cell_size: tuple[float, float]) -> int:
-        """Cells round a window that make its results those of the whole, byte for byte.
+    def halo(self, terrain: Terrain) -> int:
+        """Cells round a window of `terrain` that make its results those of the whole, in bytes.
 
         Raises
         ------
@@ -102,7 +100,7 @@ class HorizonOptions:
         """
         if self.max_distance is None:
             raise InputError("max_distance", "a distance, to know a halo", None)
-        return math.ceil(self.max_distance / min(cell_size)) + methods.LONGEST_POOL + 1
+        return math.ceil(self.max_distance / methods.smallest_cell(terrain)) + methods.POOL + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +239,7 @@ class HorizonRun:
         self.options = options
         self._progress = progress
         self._skipped = skipped
-        self._bands = terrain.latitude_bands(MAX_AZIMUTH_ERROR)
+        self._bands = terrain.latitude_bands(methods.MAX_AZIMUTH_ERROR)
         self._start = time.perf_counter()
 
     def layers(
@@ -351,7 +349,7 @@ def horizon_at(
             raise InputError(
                 field, f"between 0 and {length - 1}", index[(index < 0) | (index >= length)][0]
             )
-    slope = methods.exact_points(terrain, options, azimuth, row, column, MAX_AZIMUTH_ERROR)
+    slope = methods.exact_points(terrain, options, azimuth, row, column)
     elevation = np.empty_like(slope)
     to_elevation(slope, elevation)
     return elevation

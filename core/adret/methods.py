@@ -8,13 +8,34 @@ from numpy.typing import NDArray
 
 from adret._kernels.exact_march import exact_at, exact_layer
 from adret._kernels.line_hull import look_up, sweep_lines
-from adret.sweep import LONGEST_POOL, Direction, Layer, Orientation, SweepFrame
+from adret.errors import InputError
+from adret.sweep import POOL, Direction, Layer, Orientation, SweepFrame
 from adret.terrain import Terrain
 
 if TYPE_CHECKING:
     from adret.horizon import HorizonOptions
 
-__all__ = ["ENGINES", "LONGEST_POOL", "Direction", "exact_points"]
+__all__ = [
+    "ENGINES",
+    "MAX_AZIMUTH_ERROR",
+    "POOL",
+    "Direction",
+    "exact_points",
+    "smallest_cell",
+]
+
+
+MAX_AZIMUTH_ERROR = math.radians(0.5)
+"""Latitude bands keep the azimuth error of a geographic raster below this."""
+NEAR_ALONE = 3
+"""Near radii within which a limited range is left to the near field altogether."""
+HULL_BUFFER = 400_000_000
+"""Largest buffer of the published hull [samples]; elongated cells need one far above the raster."""
+
+
+def smallest_cell(terrain: Terrain) -> float:
+    """Smallest cell side in any latitude band [m]."""
+    return min(min(band.cell_size) for band in terrain.latitude_bands(MAX_AZIMUTH_ERROR))
 
 
 class Engine(Protocol):
@@ -35,13 +56,14 @@ class _Framed:
         self.terrain = terrain
         self.options = options
         self._frames: dict[Orientation, SweepFrame] = {}
+        self._smallest_cell = smallest_cell(terrain)
 
-    def frame(self, orientation: Orientation, near: int) -> SweepFrame:
+    def frame(self, orientation: Orientation, near: int, reach: int = 0) -> SweepFrame:
         if orientation not in self._frames:
             if len(self._frames) > 1:
                 del self._frames[next(iter(self._frames))]
             self._frames[orientation] = SweepFrame(
-                self.terrain.heights, orientation, near, self.terrain.origin
+                self.terrain.heights, orientation, near, reach, self.terrain.origin
             )
         return self._frames[orientation]
 
@@ -54,7 +76,11 @@ class Sweep(_Framed):
     ) -> None:
         """Write rows of the layer; see `SweepFrame.horizon`."""
         o = self.options
-        self.frame(direction.orientation, o.near).horizon(
+        # Where the range is a few near fields, the near field alone is quicker, and exact.
+        limit = o.range / self._smallest_cell
+        reach = math.ceil(limit) if limit < max(self.terrain.shape) else 0
+        near = reach if 0 < reach <= NEAR_ALONE * o.near else o.near
+        self.frame(direction.orientation, near, reach).horizon(
             direction,
             slope,
             distance,
@@ -126,7 +152,11 @@ class Hull:
         north, east = -direction.along_row * dy, direction.along_column * dx
         spacing = min(dx, dy)
         half = math.ceil(math.hypot(n * dy, m * dx) / (2.0 * spacing)) + 2
-        buffer = np.empty((2 * half + 1, 2 * half + 1), np.float64)
+        size = 2 * half + 1
+        if size**2 > HULL_BUFFER:
+            limit = f"another than 'hull' where its buffer exceeds {HULL_BUFFER} samples"
+            raise InputError("method", limit, f"{size} x {size} for cells of {dx:g} x {dy:g} m")
+        buffer = np.empty((size, size), np.float64)
         # A cell of its own: along the axes, samples are then the cells themselves.
         centre = np.array([n // 2, m // 2], np.float64)
         sweep_lines(
@@ -161,11 +191,10 @@ def exact_points(
     azimuths: NDArray[np.float64],
     row: NDArray[np.integer],
     column: NDArray[np.integer],
-    max_azimuth_error: float,
 ) -> Layer:
     """Exact slopes of P cells in K directions, float32 (K, P)."""
     slope = np.empty((azimuths.size, row.size))
-    for band in terrain.latitude_bands(max_azimuth_error):
+    for band in terrain.latitude_bands(MAX_AZIMUTH_ERROR):
         inside = np.flatnonzero((row >= band.start) & (row < band.stop))
         directions = [Direction.of(a, band.cell_size) for a in azimuths.tolist()]
         part = np.empty((azimuths.size, inside.size))

@@ -17,12 +17,14 @@ from adret._kernels.hull_sweep import RIGHT, hull_sweep
 from adret._kernels.hull_window import hull_sweep_within
 from adret._kernels.march import march
 from adret._kernels.near_field import near_field, near_field_distance
+from adret._kernels.raster_edge import raise_by_edge
 
-__all__ = ["LONGEST_POOL", "Direction", "Layer", "Orientation", "SweepFrame", "pool_length"]
+__all__ = ["POOL", "Direction", "Layer", "Orientation", "SweepFrame"]
 
-LONGEST_POOL = 4
+POOL = 3  # samples of a line that enter the far field's hull as one
 SNAP = 1e-9  # cells: a crossing this near to a vertex is the vertex
 Layer = NDArray[np.float32]
+_Crossing = tuple[int, int, float, int, int, float, float]
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -96,19 +98,10 @@ class _Stencil:
     reach: Layer
 
 
-def pool_length(near: int) -> int:
-    """Samples of a line that enter the far field's hull as one.
-
-    A pooled sample is at most a pool away from where it matters and more than `near` steps from
-    the receiver, so the error grows with their ratio; beyond 4 little more time is gained.
-    """
-    return min(LONGEST_POOL, max(1, near // 8))
-
-
-def _crossings(shear: float, count: int) -> list[tuple[int, int, float, int, int, float, float]]:
-    """Crossings within `count` major steps: (row, column, weight) twice, and the major steps."""
-    found = []
-    for j in range(1, count + 1):
+def _crossings(shear: float, first: int, last: int) -> list[_Crossing]:
+    """Crossings from `first` to `last` major steps: (row, column, weight) twice, and the steps."""
+    found: list[_Crossing] = []
+    for j in range(first, last + 1):
         position = shear * j
         cell = math.floor(position + SNAP)
         weight = position - cell
@@ -117,11 +110,11 @@ def _crossings(shear: float, count: int) -> list[tuple[int, int, float, int, int
         else:
             found.append((-j, -cell, 1.0 - weight, -j, -cell - 1, weight, float(j)))
     if shear > 0.0:
-        for j in range(1, math.floor(shear * count + SNAP) + 1):
+        for j in range(math.ceil(shear * (first - 1) + SNAP), math.floor(shear * last + SNAP) + 1):
             position = j / shear
             cell = math.floor(position + SNAP)
             weight = position - cell
-            if weight >= SNAP:  # else the crossing is a vertex, listed above
+            if j > 0 and weight >= SNAP:  # else the crossing is a vertex, listed above
                 found.append((-cell, -j, 1.0 - weight, -cell - 1, -j, weight, position))
     return found
 
@@ -129,9 +122,16 @@ def _crossings(shear: float, count: int) -> list[tuple[int, int, float, int, int
 def _stencil(
     direction: Direction, near: int, max_distance: float, bend: float, observer: float
 ) -> _Stencil:
-    crossings = [
-        c for c in _crossings(direction.shear, near) if c[6] * direction.step <= max_distance
-    ]
+    """Crossings of the near field, and those just inside a limited range.
+
+    The far field resolves the range to a pool; where the ground rises, the horizon is there.
+    """
+    reach = max_distance / direction.step
+    crossings = _crossings(direction.shear, 1, near)
+    if near < reach < math.inf:
+        last = math.floor(reach) + 1
+        crossings += _crossings(direction.shear, max(near + 1, last - POOL - 1), last)
+    crossings = [c for c in crossings if c[6] * direction.step <= max_distance]
     crossings.sort(key=lambda c: c[6])
     if crossings:
         crossings += [crossings[-1]] * (-len(crossings) % 4)
@@ -158,6 +158,8 @@ class SweepFrame:
         Of the azimuths to come.
     near : int
         Radius of the near field [major steps].
+    reach : int
+        Cells within a limited range; `near` or less for none.
     origin : (int, int)
         Row and column of the first cell in the raster that `heights` was cut from: lines, pools
         and blocks of the far field are anchored there.
@@ -168,6 +170,7 @@ class SweepFrame:
         heights: Layer,
         orientation: Orientation,
         near: int,
+        reach: int = 0,
         origin: tuple[int, int] = (0, 0),
     ) -> None:
         shape = heights.shape[::-1] if orientation.swap else heights.shape
@@ -175,7 +178,7 @@ class SweepFrame:
         self.orientation = orientation
         self.near = min(near, max(shape))
         self._heights = heights
-        self._pad = self.near + 4
+        self._pad = max(self.near, reach) + 4
         self._z = np.full((shape[0] + self._pad, shape[1] + self._pad + RIGHT), np.nan, np.float32)
         copy_oriented(heights, self._z[self._pad :, self._pad : -RIGHT], *self._turn())
         first = origin[1] if orientation.swap else origin[0]
@@ -206,7 +209,7 @@ class SweepFrame:
         max_distance: float = math.inf,
         bend: float = 0.0,
         observer_height: float = 0.0,
-        pool: int | None = None,
+        pool: int = POOL,
     ) -> None:
         """Fill rows of `slope` (and `distance` [m]) with the horizon towards one azimuth.
 
@@ -227,10 +230,15 @@ class SweepFrame:
             (1 - refraction) / (2 · radius) [1/m].
         observer_height : float
             Height of the eye above the surface [m].
-        pool : int, optional
-            Samples that enter the hull as one; `pool_length` of the near field by default.
+        pool : int
+            Samples that enter the hull as one, 1 to 4.
         """
-        stencil = _stencil(direction, self.near, max_distance, bend, observer_height)
+        reach = max_distance / direction.step
+        # A range that covers the raster is no limit.
+        limited = reach < max(self.shape)
+        stencil = _stencil(
+            direction, self.near, max_distance if limited else math.inf, bend, observer_height
+        )
         frame_rows, frame_columns = self._span(rows)
         shared = (self._z, self._pad, stencil.offsets, stencil.p, stencil.q, stencil.v, stencil.k)
         if distance is None:
@@ -241,9 +249,18 @@ class SweepFrame:
                 self._distance = np.empty(self.shape, np.float32)
             far = self._distance
             near_field_distance(*shared, stencil.reach, frame_rows, frame_columns, self._best, far)
-        reach = max_distance / direction.step
-        if reach > self.near and max(self.shape) > self.near:
-            self._far(direction, reach, bend, observer_height, pool, frame_rows, frame_columns, far)
+        if min(reach, max(self.shape)) > self.near:
+            self._far(
+                direction,
+                reach,
+                limited,
+                bend,
+                observer_height,
+                pool,
+                frame_rows,
+                frame_columns,
+                far,
+            )
         self._write(self._best, slope, rows)
         if distance is not None:
             self._write(far, distance, rows)
@@ -278,17 +295,14 @@ class SweepFrame:
         self,
         direction: Direction,
         reach: float,
+        limited: bool,
         bend: float,
         observer_height: float,
-        pool: int | None,
+        pool: int,
         rows: NDArray[np.int64],
         columns: NDArray[np.int64],
         distance: Layer,
     ) -> None:
-        n, m = self.shape
-        pool = pool or pool_length(self.near)
-        # A range that covers the raster is no limit.
-        limited = reach < max(n, m)
         f = np.float32
         limits = (
             f(observer_height),
@@ -300,7 +314,7 @@ class SweepFrame:
         shared = (
             self._z,
             self._pad,
-            m,
+            self.shape[1],
             direction.shear,
             self._anchor,
             pool,
@@ -313,6 +327,19 @@ class SweepFrame:
             hull_sweep_within(*shared, block, rows, columns, self._best, distance)
         else:
             hull_sweep(*shared, rows, columns, self._best, distance)
+        edge = self._z[self._pad :, self._pad].copy()
+        raise_by_edge(
+            self._z,
+            self._pad,
+            direction.shear,
+            f(self.near),
+            edge,
+            limits,
+            rows,
+            columns,
+            self._best,
+            distance,
+        )
 
     def _write(self, layer: Layer, target: Layer, rows: tuple[int, int]) -> None:
         """Turn a frame layer back into rows of a raster layer and mask nodata."""

@@ -6,8 +6,6 @@ may be killed at any moment: that is how a job stops in the middle of a kernel. 
 closes, its worker is gone and it ends at once.
 """
 
-import contextlib
-import ctypes
 import errno
 import json
 import os
@@ -15,7 +13,6 @@ import queue
 import sys
 import threading
 import traceback
-from importlib import metadata
 from pathlib import Path
 from typing import IO, Any
 
@@ -100,29 +97,16 @@ def warm_up() -> str:
     RuntimeError
         If the layer is the one that aborts the process when two threads meet in a kernel.
     """
-    load_tbb()
-    import numba
     import numpy as np
 
     import adret
+    from adret._kernels.jit import threading_layer
 
     adret.sky_view_factor(adret.Terrain(np.zeros((64, 64)), (1.0, 1.0)), directions=4)
-    layer = str(numba.threading_layer())  # type: ignore[attr-defined]
+    layer = threading_layer()
     if layer == "workqueue":
         raise RuntimeError("threading layer: must be tbb or omp, got workqueue (install tbb)")
     return layer
-
-
-def load_tbb() -> None:
-    """Load the TBB library of the wheel, which the loader does not find in a virtual environment.
-
-    Without it Numba falls back on OpenMP, whose threads spin while they wait: on a busy machine a
-    sweep then takes 15 times as long.
-    """
-    with contextlib.suppress(metadata.PackageNotFoundError, OSError):
-        for file in metadata.files("tbb") or ():
-            if file.name == "libtbb.so.12":
-                ctypes.CDLL(str(file.locate()), mode=ctypes.RTLD_GLOBAL)
 
 
 def run(order: dict[str, Any], cancelled: threading.Event, answer: Any) -> dict[str, Any]:

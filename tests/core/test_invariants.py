@@ -226,7 +226,7 @@ def test_far_field_of_a_window_is_the_whole_byte_for_byte(
     terrain = adret.Terrain(z, CELL, datum=250.0)
     options = HorizonOptions(near=near, max_distance=317.0, radius=6_371_000.0)
     keywords = {"near": near, "max_distance": 317.0, "radius": 6_371_000.0}
-    halo = options.halo(CELL)
+    halo = options.halo(terrain)
     whole = adret.horizon_map(terrain, 20, distance=True, **keywords)
     view = adret.sky_view_factor(terrain, directions=20, **keywords)
     assert whole.distance is not None

@@ -21,6 +21,7 @@ import numpy as np
 
 from adret._kernels.jit import greater, inline, kernel, parallel_kernel, prange
 
+SNAP = 1e-9  # cells: a line this near to a vertex passes it
 RIGHT = 5  # columns of NaN that a frame needs on the right
 STRIP = 64  # lines a strip; a strip's vertices and hull tops stay in the first-level cache
 NOTHING = np.float32(-np.inf)
@@ -30,8 +31,9 @@ NOTHING = np.float32(-np.inf)
 def _cut(t, step):
     """Columns that lines have moved at a global step; weight of the cell to the right."""
     u = t * step
-    base = math.floor(u)
-    return base, np.float32(u - base)
+    base = math.floor(u + SNAP)
+    f = u - base
+    return base, np.float32(f if f >= SNAP else 0.0)
 
 
 @kernel
@@ -106,26 +108,39 @@ def pool_samples(z, pad, t, anchor, first, columns, start, stop, f, steps, heigh
     )
 
 
+@inline
+def _between(left_z, left_s, right_z, right_s, weight, here, c, shear, reach):
+    """Height and steps of the point between two lines' vertices, on the receiver's own ray.
+
+    Heights and distances are interpolated, not slopes: a plane is then exact however far apart
+    the vertices lie. A vertex beyond reach, or beyond the point where the own ray leaves the
+    raster, does not count; where neither does, the height is -inf.
+    """
+    right = here - right_s
+    left = here - left_s
+    right_counts = (right * shear <= c) & (right <= reach) & (right_z > NOTHING)
+    left_counts = (left * shear <= c) & (left <= reach) & (left_z > NOTHING)
+    right_h = right_z if right_counts else (left_z if left_counts else NOTHING)
+    right_d = right if right_counts else left
+    left_h = left_z if left_counts else right_h
+    left_d = left if left_counts else right_d
+    share = np.float32(1.0) - weight
+    return right_h * share + left_h * weight, right_d * share + left_d * weight
+
+
 @kernel
 def _gather(left_z, left_s, right_z, right_s, receiver, best, weight, here, limits, column):
-    """Raise `best` by the slopes to both lines' vertices, interpolated at the receiver.
+    """Raise `best` by the slopes to the points between the vertices of two lines.
 
-    `limits`: observer height, 1 / step length, bend · step length, shear, reach in steps. A vertex
-    beyond the point where the cell's own ray leaves the raster, or beyond reach, does not count.
+    `limits`: observer height, 1 / step length, bend · step length, shear, reach in steps.
     """
     observer, per_step, drop, shear, reach = limits
     for x in range(len(best)):
-        z = receiver[x] + observer
         c = np.float32(column + x)
-        steps = here - right_s[x]
-        a = (right_z[x] - z) * per_step / steps - drop * steps
-        a = a if (steps * shear <= c) & (steps <= reach) else NOTHING
-        steps = here - left_s[x]
-        b = (left_z[x] - z) * per_step / steps - drop * steps
-        b = b if (steps * shear <= c) & (steps <= reach) else NOTHING
-        right = b if a == NOTHING else a
-        left = a if b == NOTHING else b
-        slope = right * (np.float32(1.0) - weight) + left * weight
+        height, steps = _between(
+            left_z[x], left_s[x], right_z[x], right_s[x], weight, here, c, shear, reach
+        )
+        slope = (height - receiver[x] - observer) * per_step / steps - drop * steps
         best[x] = greater(greater(slope, best[x]), NOTHING)
 
 
@@ -133,24 +148,17 @@ def _gather(left_z, left_s, right_z, right_s, receiver, best, weight, here, limi
 def _gather_distance(
     left_z, left_s, right_z, right_s, receiver, best, distance, weight, here, limits, column
 ):
-    """As `_gather`, and keep the distance to the vertex of the nearer line."""
+    """As `_gather`, and keep the distance to that point."""
     observer, per_step, drop, shear, reach = limits
     for x in range(len(best)):
-        z = receiver[x] + observer
         c = np.float32(column + x)
-        away_right = here - right_s[x]
-        a = (right_z[x] - z) * per_step / away_right - drop * away_right
-        a = a if (away_right * shear <= c) & (away_right <= reach) else NOTHING
-        away_left = here - left_s[x]
-        b = (left_z[x] - z) * per_step / away_left - drop * away_left
-        b = b if (away_left * shear <= c) & (away_left <= reach) else NOTHING
-        take_left = (a == NOTHING) | ((weight > 0.5) & (b != NOTHING))
-        right = b if a == NOTHING else a
-        left = a if b == NOTHING else b
-        slope = right * (np.float32(1.0) - weight) + left * weight
+        height, steps = _between(
+            left_z[x], left_s[x], right_z[x], right_s[x], weight, here, c, shear, reach
+        )
+        slope = (height - receiver[x] - observer) * per_step / steps - drop * steps
         if slope > best[x]:
             best[x] = slope
-            distance[x] = (away_left if take_left else away_right) / per_step
+            distance[x] = steps / per_step
 
 
 @kernel

@@ -6,12 +6,15 @@ an edited kernel gets a new, empty folder and old code can never run. ``NUMBA_CA
 root of that folder; the default is the user's cache folder.
 """
 
+import contextlib
+import ctypes
 import hashlib
 import os
 import platform
 import shutil
 import sys
 from collections.abc import Callable
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +22,18 @@ import numba
 from numba.core import types
 from numba.extending import intrinsic
 
-__all__ = ["greater", "index", "inline", "kernel", "parallel_kernel", "prange", "threads"]
+__all__ = [
+    "greater",
+    "index",
+    "inline",
+    "kernel",
+    "parallel_kernel",
+    "prange",
+    "strict_kernel",
+    "strict_parallel_kernel",
+    "threading_layer",
+    "threads",
+]
 
 # NaN is nodata and -inf is "no terrain": the flags that assume neither exists are left out.
 FASTMATH = {"contract", "nsz", "arcp"}
@@ -64,7 +78,20 @@ def _use_cache_folder() -> None:
     numba.config.CACHE_DIR = str(folder)
 
 
+def _load_tbb() -> None:
+    """Load the TBB library of the wheel, which the loader does not find in a virtual environment.
+
+    Without it Numba falls back on OpenMP, whose threads spin while they wait: on a busy machine a
+    sweep then takes many times as long.
+    """
+    with contextlib.suppress(metadata.PackageNotFoundError, OSError):
+        for file in metadata.files("tbb") or ():
+            if file.name in ("libtbb.so.12", "libtbb.12.dylib", "tbb12.dll"):
+                ctypes.CDLL(str(file.locate()), mode=ctypes.RTLD_GLOBAL)
+
+
 _use_cache_folder()
+_load_tbb()
 # The workqueue layer aborts the process when two threads enter a parallel kernel.
 numba.config.THREADING_LAYER_PRIORITY = ["tbb", "omp", "workqueue"]
 
@@ -82,6 +109,19 @@ def parallel_kernel(function: Callable[..., None]) -> Any:
     return numba.njit(
         cache=True, nogil=True, parallel=True, fastmath=FASTMATH, error_model="numpy"
     )(function)
+
+
+def strict_kernel(function: Callable[..., None]) -> Any:
+    """Compile a serial kernel whose arithmetic is rounded as written: no fused operations.
+
+    For verdicts that must come out the same when two operands change places.
+    """
+    return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+
+
+def strict_parallel_kernel(function: Callable[..., None]) -> Any:
+    """Compile a kernel as `strict_kernel` does, with ``prange`` loops on all threads."""
+    return numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")(function)
 
 
 def inline(function: Callable[..., Any]) -> Any:
@@ -104,6 +144,11 @@ def greater(typingctx, a, b):  # type: ignore[no-untyped-def]
         return builder.select(builder.fcmp_ordered(">", first, second), first, second)
 
     return a(a, b), codegen
+
+
+def threading_layer() -> str:
+    """Name of the layer that runs parallel kernels; known once one has run."""
+    return str(numba.threading_layer())
 
 
 def threads(count: int | None = None) -> int:

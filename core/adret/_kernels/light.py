@@ -128,7 +128,7 @@ def add_normal_table(
 ):
     """Add |N_p| L_p(normal angle, horizon angle) of paper P1, eq. 6.
 
-    `table` is (N n, bands), the row of normal j and horizon i being j n + i: N evenly spaced normals
+    `table` is (N n, bands), the row of normal j and horizon i being j n + i: N even normals
     that lean by -π/2 to π/2 from the zenith towards the azimuth, with these sines and cosines (N,),
     and n horizon elevations from `first` up. The cell's normal over n_u is (-tp, 1) in the slice's
     plane; it is written as a sum of the two normals beside it, so light is exact where both of them

@@ -79,7 +79,8 @@ def tags_of(
 ) -> dict[str, str]:
     """What the file says about itself."""
     import adret
-    from adret.horizon import MAX_AZIMUTH_ERROR, NEAR_DEFAULT
+    from adret.horizon import NEAR_DEFAULT
+    from adret.methods import MAX_AZIMUTH_ERROR
 
     options = ray_options(terrain, parameters)
     tags = {

@@ -29,7 +29,7 @@ __all__ = [
 Method = Literal["sweep", "hull", "march", "exact"]
 Progress = Callable[[int, int], None]
 
-NEAR_DEFAULT = 24
+NEAR_DEFAULT = 32
 NEAR_MAX = 4096
 
 

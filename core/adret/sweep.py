@@ -21,7 +21,7 @@ from adret._kernels.raster_edge import raise_by_edge
 
 __all__ = ["POOL", "Direction", "Layer", "Orientation", "SweepFrame"]
 
-POOL = 3  # samples of a line that enter the far field's hull as one
+POOL = 4  # samples of a line that enter the far field's hull as one
 SNAP = 1e-9  # cells: a crossing this near to a vertex is the vertex
 Layer = NDArray[np.float32]
 _Crossing = tuple[int, int, float, int, int, float, float]
@@ -327,7 +327,7 @@ class SweepFrame:
             hull_sweep_within(*shared, block, rows, columns, self._best, distance)
         else:
             hull_sweep(*shared, rows, columns, self._best, distance)
-        edge = self._z[self._pad :, self._pad].copy()
+        edge = np.append(self._z[self._pad :, self._pad], np.float32(np.nan))
         raise_by_edge(
             self._z,
             self._pad,

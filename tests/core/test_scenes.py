@@ -117,7 +117,8 @@ def test_bowl_bottom() -> None:
     middle = 257 // 2
     result = adret.horizon_map(terrain_of(scene), directions=64)
     bottom = result.elevation[:, middle, middle]
-    np.testing.assert_allclose(bottom, np.radians(30), atol=0.005)
+    # The rim is some 110 cells away: half a cell there is 0.0024, a whole one 0.0047.
+    np.testing.assert_allclose(bottom, np.radians(30), atol=0.006)
     view = adret.sky_view_factor(result, kind="visible")[middle, middle]
     assert view == pytest.approx(1.0 - np.sin(np.radians(30)), abs=0.004)
 

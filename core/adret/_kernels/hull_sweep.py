@@ -23,7 +23,7 @@ from adret._kernels.jit import greater, inline, kernel, parallel_kernel, prange
 
 SNAP = 1e-9  # cells: a line this near to a vertex passes it
 RIGHT = 5  # columns of NaN that a frame needs on the right
-STRIP = 64  # lines a strip; a strip's vertices and hull tops stay in the first-level cache
+STRIP = 128  # lines a strip; a strip's vertices and hull tops stay in the nearest caches
 NOTHING = np.float32(-np.inf)
 
 
@@ -209,11 +209,13 @@ def gather_rows(
 
 @kernel
 def _query_and_insert(
-    height, position, near, observer, bend, hull_z, hull_s, size, vertex_z, vertex_s
+    height, position, near, observer, bend, hull_z, hull_s, size, far, vertex_z, vertex_s
 ):
     """Algorithm 1 of P1 on every line of a strip: pop, hand out the tangent vertex, push.
 
-    A line without a sample here (outside the raster, or nodata) keeps its latest vertex.
+    `far` counts the vertices at the bottom of each stack that lie beyond the near field: by
+    convexity the tangent among them is the topmost. A line without a sample here (outside the
+    raster, or nodata) keeps its latest vertex.
     """
     for line in range(len(height)):
         z = height[line]
@@ -222,6 +224,7 @@ def _query_and_insert(
         s = position[line]
         z -= bend * s * s
         k = size[line]
+        beyond = far[line]
         if k > 0:
             rise = hull_z[k - 1, line] - z
             away = s - hull_s[k - 1, line]
@@ -233,15 +236,16 @@ def _query_and_insert(
                 k -= 1
                 rise = next_rise
                 away = next_away
-            q = k - 1
+            beyond = min(beyond, k)
+            while beyond < k and s - hull_s[beyond, line] > near:
+                beyond += 1
+            q = beyond - 1
             if observer > 0.0:
                 eye = z + observer
                 while q > 0 and (hull_z[q - 1, line] - eye) * (s - hull_s[q, line]) >= (
                     hull_z[q, line] - eye
                 ) * (s - hull_s[q - 1, line]):
                     q -= 1
-            while q >= 0 and s - hull_s[q, line] <= near:
-                q -= 1
             if q >= 0:
                 at = hull_s[q, line]
                 vertex_s[line] = at
@@ -249,6 +253,7 @@ def _query_and_insert(
             else:
                 vertex_s[line] = np.float32(-1.0)
                 vertex_z[line] = NOTHING
+        far[line] = beyond
         hull_s[k, line] = s
         hull_z[k, line] = z
         size[line] = k + 1
@@ -302,7 +307,8 @@ def hull_sweep(z, pad, width, t, anchor, pool, near, bend, limits, rows, columns
         depth = rows[1] // pool + 2
         hull_z = np.empty((depth, STRIP + 1), np.float32)
         hull_s = np.empty((depth, STRIP + 1), np.float32)
-        size = np.zeros(STRIP + 1, np.int64)
+        size = np.zeros(STRIP + 1, np.int32)
+        far = np.zeros(STRIP + 1, np.int32)
         f = np.zeros(4, np.float32)
         steps = np.zeros(4, np.float32)
         height = np.empty(STRIP + 1, np.float32)
@@ -314,7 +320,17 @@ def hull_sweep(z, pad, width, t, anchor, pool, near, bend, limits, rows, columns
             stop = min(begin + pool, rows[1])
             pool_samples(z, pad, t, anchor, first, width, start, stop, f, steps, height, position)
             _query_and_insert(
-                height, position, near, limits[0], bend, hull_z, hull_s, size, vertex_z, vertex_s
+                height,
+                position,
+                near,
+                limits[0],
+                bend,
+                hull_z,
+                hull_s,
+                size,
+                far,
+                vertex_z,
+                vertex_s,
             )
             gather_rows(
                 z,

@@ -9,69 +9,91 @@ import math
 
 import numpy as np
 
-from adret._kernels.jit import greater, kernel, parallel_kernel, prange
+from adret._kernels.jit import greater, index, kernel, parallel_kernel, prange
 
 SNAP = 1e-9
 
 
+NOTHING = np.float32(-np.inf)
+
+
 @kernel
-def _through_row(left, right, receiver, best, weight, steps, limits):
+def _through_row(left, right, receiver, slope, weight, steps, limits):
+    """Slopes to row 0, `steps` away: one shift and weight for all receivers of a row."""
     observer, per_step, drop, _, _ = limits
-    for x in range(len(best)):
+    for x in range(len(slope)):
         height = right[x] * (np.float32(1.0) - weight) + left[x] * weight
-        slope = (height - receiver[x] - observer) * per_step / steps - drop * steps
-        best[x] = greater(slope, best[x])
+        slope[x] = (height - receiver[x] - observer) * per_step / steps - drop * steps
+
+
+@kernel
+def _through_column(edge, receiver, slope, i, first, per_column, limits):
+    """Slopes to column 0, c / t steps away from column c."""
+    observer, per_step, drop, _, _ = limits
+    for x in range(len(slope)):
+        steps = (first + x) * per_column
+        at = i - steps
+        row = np.int64(at + SNAP)
+        part = at - row
+        height = edge[index(row)]
+        other = edge[index(row + 1)]
+        # On a vertex the other one must not matter, even where it is NaN.
+        part = part if part >= SNAP else 0.0
+        other = other if part > 0.0 else height
+        part = np.float32(part)
+        height = height * (np.float32(1.0) - part) + other * part
+        way = np.float32(steps)
+        slope[x] = (height - receiver[x] - observer) * per_step / way - drop * way
+
+
+@kernel
+def _raise(slope, best):
+    for x in range(len(best)):
+        best[x] = greater(greater(slope[x], best[x]), NOTHING)
 
 
 @parallel_kernel
 def raise_by_edge(z, pad, t, near, edge, limits, rows, columns, best, distance):
     """Raise `best` by the crossing at which each cell's ray leaves, beyond the near field.
 
-    Parameters are those of `hull_sweep`; `edge` is column 0 without its padding, contiguous.
+    Parameters are those of `hull_sweep`; `edge` is column 0 without its padding, and one more
+    entry, contiguous.
     """
-    observer, per_step, drop, _, reach = limits
+    _, per_step, _, _, reach = limits
     for i in prange(rows[0], rows[1]):
+        slope = np.full(columns[1] - columns[0], NOTHING)
+        receiver = z[i + pad, pad + columns[0] : pad + columns[1]]
         position = t * i
         base = math.floor(position + SNAP)
         weight = position - base
         weight = np.float32(weight if weight >= SNAP else 0.0)
-        first = max(columns[0], min(columns[1], base + (1 if weight > 0.0 else 0)))
-        steps = np.float32(i)
-        if near < steps <= reach and first < columns[1]:
+        shift = 1 if weight > 0.0 else 0
+        # Columns from `first` on leave through row 0, those before it through column 0.
+        first = max(columns[0], min(columns[1], base + shift))
+        if near < i <= reach and first < columns[1]:
             lo = pad + first - base
             hi = pad + columns[1] - base
-            shift = 1 if weight > 0.0 else 0
-            out = best[i, first : columns[1]]
-            before = out.copy() if distance.shape[0] > 0 else out
+            skip = first - columns[0]
             _through_row(
                 z[pad, lo - shift : hi - shift],
                 z[pad, lo:hi],
-                z[i + pad, pad + first : pad + columns[1]],
-                out,
+                receiver[skip:],
+                slope[skip:],
                 weight,
-                steps,
+                np.float32(i),
                 limits,
             )
-            if distance.shape[0] > 0:
-                for x in range(len(out)):
-                    if out[x] > before[x]:
-                        distance[i, first + x] = steps / per_step
-        if t == 0.0:
-            continue
-        for c in range(columns[0], first):
-            way = c / t
-            if way <= near or way > reach:
-                continue
-            at = i - way
-            row = math.floor(at + SNAP)
-            part = at - row
-            height = edge[row]
-            if part >= SNAP:
-                part = np.float32(part)
-                height = height * (np.float32(1.0) - part) + edge[row + 1] * part
-            way = np.float32(way)
-            slope = (height - z[i + pad, c + pad] - observer) * per_step / way - drop * way
-            if slope > best[i, c]:
-                best[i, c] = slope
-                if distance.shape[0] > 0:
+        if t > 0.0:
+            lo = max(columns[0], math.floor(near * t) + 1)
+            hi = min(first, math.floor(min(reach, 1e9) * t) + 1)
+            if lo < hi:
+                part = slice(lo - columns[0], hi - columns[0])
+                _through_column(edge, receiver[part], slope[part], i, lo, 1.0 / t, limits)
+        out = best[i, columns[0] : columns[1]]
+        if distance.shape[0] > 0:
+            for x in range(len(out)):
+                if slope[x] > out[x]:
+                    c = columns[0] + x
+                    way = np.float32(i) if c >= first else np.float32(c / t)
                     distance[i, c] = way / per_step
+        _raise(slope, out)

@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from adret.azimuths import azimuth_set
+    from adret.bounces import indirect_light, render
     from adret.errors import AdretError, Cancelled, InputError, RasterError
     from adret.horizon import HorizonMap, horizon_at, horizon_map
     from adret.light import Light, direct_light
     from adret.normals import surface_normals
     from adret.report import RunReport, last_run_report
     from adret.shadows import Shadow, shadow
+    from adret.sight import LineOfSight, line_of_sight
     from adret.skies import Environment, OvercastSky, Sun, UniformSky
     from adret.sky_view import openness, sky_view_factor
     from adret.terrain import Terrain
+    from adret.viewsheds import Viewshed, cells_at, viewshed
 
 __version__ = "0.1.0"
 
@@ -27,6 +30,7 @@ _HOME = {
     "HorizonMap": "horizon",
     "InputError": "errors",
     "Light": "light",
+    "LineOfSight": "sight",
     "OvercastSky": "skies",
     "RasterError": "errors",
     "RunReport": "report",
@@ -34,15 +38,21 @@ _HOME = {
     "Sun": "skies",
     "Terrain": "terrain",
     "UniformSky": "skies",
+    "Viewshed": "viewsheds",
     "azimuth_set": "azimuths",
+    "cells_at": "viewsheds",
     "direct_light": "light",
     "horizon_at": "horizon",
     "horizon_map": "horizon",
+    "indirect_light": "bounces",
     "last_run_report": "report",
+    "line_of_sight": "sight",
     "openness": "sky_view",
+    "render": "bounces",
     "shadow": "shadows",
     "sky_view_factor": "sky_view",
     "surface_normals": "normals",
+    "viewshed": "viewsheds",
 }
 
 __all__ = [
@@ -52,6 +62,7 @@ __all__ = [
     "HorizonMap",
     "InputError",
     "Light",
+    "LineOfSight",
     "OvercastSky",
     "RasterError",
     "RunReport",
@@ -59,15 +70,21 @@ __all__ = [
     "Sun",
     "Terrain",
     "UniformSky",
+    "Viewshed",
     "azimuth_set",
+    "cells_at",
     "direct_light",
     "horizon_at",
     "horizon_map",
+    "indirect_light",
     "last_run_report",
+    "line_of_sight",
     "openness",
+    "render",
     "shadow",
     "sky_view_factor",
     "surface_normals",
+    "viewshed",
 ]
 
 

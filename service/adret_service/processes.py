@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, crea
 
 import adret
 from adret.errors import InputError
-from adret.parameters import Parameters, Specification, specifications
+from adret.parameters import MAX_LIST, Parameters, Specification, specifications
 from adret.products import PRODUCTS
 from adret_service.datasets import GEOTIFF
 from adret_service.problems import FieldError, field_error, invalid
@@ -17,7 +17,6 @@ __all__ = ["description", "names", "parameters", "summary", "validated"]
 
 # Nothing a client sends may become a path; these only matter beside an environment map's.
 WITHHELD = {"environment_rotation_deg", "normal_angles"}
-MAX_LIST = 7200
 
 OUTPUTS: dict[str, dict[str, Any]] = {
     "result": {
@@ -136,6 +135,11 @@ def _annotation(spec: Specification) -> Any:
         case "numbers":
             sizes = Len(spec.length or 1, spec.length or MAX_LIST)
             kind = Annotated[list[Annotated[float, Strict(), *bounds]], sizes]
+        case "cells" | "points":
+            number: Any = int if spec.type == "cells" else float
+            member: Any = Annotated[number, Strict(), *bounds]
+            pair: Any = Annotated[list[member], Len(2, 2)]
+            kind = Annotated[list[pair], Len(1, MAX_LIST)]
         case _:
             kind = Literal[spec.choices] if spec.choices else Annotated[str, Strict()]
     if spec.optional:

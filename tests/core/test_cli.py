@@ -23,7 +23,7 @@ import adret
 from adret import cli
 from raster_files import save
 
-COMMANDS = ("info", "horizon", "sky", "openness", "shadow", "light")
+COMMANDS = ("info", "horizon", "sky", "openness", "shadow", "light", "viewshed")
 Run = Callable[..., "SimpleNamespace"]
 
 
@@ -71,6 +71,7 @@ def test_every_product_writes_a_raster_and_a_picture(run: Run, dem: Path, tmp_pa
         ("openness", ["--sign", "-1", "--directions", "8"]),
         ("shadow", ["--sun", "135,20"]),
         ("light", ["--sun", "315,35", "--sky", "overcast", "--directions", "8"]),
+        ("viewshed", ["--observer", "15,18", "--observer", "3,4", "--curvature"]),
     ]:
         out, picture = tmp_path / f"{command}.tif", tmp_path / f"{command}.png"
         done = run(command, dem, out, "--preview", picture, *options)
@@ -90,6 +91,23 @@ def test_shadow_of_the_command_is_that_of_the_sun_given(
         code = source.read(1)
     assert (code[10:20, 22:34] == 0).all()  # the east side is lit
     assert (code[10:20, 4:14] != 0).all()  # a 31 degree cone under a sun at 20
+
+
+def test_viewshed_takes_cells_places_and_limits(run: Run, dem: Path, tmp_path: Path) -> None:
+    options = ["--observer", "15,18", "--at", "500055,4999945", "--observer-height", "2.5"]
+    options += ["--azimuth-range", "300,60", "--layer", "count"]
+    assert run("viewshed", dem, tmp_path / "v.tif", *options).err == ""
+    with rasterio.open(tmp_path / "v.tif") as source:
+        count, tags = source.read(1), source.tags()
+    want = adret.viewshed(
+        adret.Terrain.open(dem),
+        [(15, 18), (5, 5)],
+        observer_height=2.5,
+        azimuth_range=np.radians((300.0, 60.0)),
+    )
+    np.testing.assert_array_equal(count, want.count)
+    assert tags["ADRET_OBSERVERS"] == "row 15 column 18; row 5 column 5"
+    assert tags["ADRET_AZIMUTH_RANGE"] == "300 to 60 deg"
 
 
 def test_info_tells_what_was_read(run: Run, example_dem: Path, dem: Path) -> None:
@@ -173,6 +191,11 @@ def test_wrong_input_ends_with_one_line_and_no_file(run: Run, dem: Path, tmp_pat
         (["sky", dem], "OUT: must be given, got nothing"),
         (["sky", dem, out, "--colour", "red"], "option: must be one of those in --help, got"),
         (["sky", dem, out, "--kind", "blue"], "kind: must be one of visible, horizontal, normal"),
+        (["viewshed", dem, out], "observer: must be given at least once, as a cell or as a place"),
+        (["viewshed", dem, out, "--observer", "3"], "observer: must be 2 numbers separated by"),
+        (["viewshed", dem, out, "--observer", "3.5,1"], "observer: must be a whole number of at"),
+        (["viewshed", dem, out, "--observer", "30,1"], "observers: must be a cell between (0, 0)"),
+        (["viewshed", dem, out, "--at", "0,0"], "coordinates: must be inside the raster, got (0"),
         (["info", tmp_path / "no.tif"], "path: must be an existing file"),
         (["frobnicate"], "No such command 'frobnicate'."),
     ]

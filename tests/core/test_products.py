@@ -135,6 +135,44 @@ def test_a_coloured_environment_gives_three_bands(terrain: Terrain, tmp_path: Pa
     assert facts["names"] == ("red", "green", "blue")
 
 
+def test_viewshed_files_are_the_viewshed(terrain: Terrain, tmp_path: Path) -> None:
+    observers = ((20, 20), (3, 40), (39, 0))
+    want = adret.viewshed(terrain, observers, target_height=0.5, max_distance=250.0)
+    assert want.seen_by is not None
+    bits = [(want.seen_by >> np.uint64(i)) & np.uint64(1) for i in range(3)]
+    for layer, expected in [
+        ("visible", [want.visible]),
+        ("count", [want.count]),
+        ("seen-by", bits),
+        ("minimum-height", [want.minimum_height]),
+    ]:
+        values, facts = written(
+            "viewshed",
+            terrain,
+            tmp_path / f"{layer}.tif",
+            observer=observers,
+            target_height=0.5,
+            max_distance=250.0,
+            layer=layer,
+        )
+        wanted = np.where(terrain.mask, np.nan, np.asarray(expected, dtype=np.float32))
+        np.testing.assert_array_equal(values, wanted, err_msg=layer)
+        assert facts["ADRET_TARGET_HEIGHT"] == "0.5 m"
+        assert facts["ADRET_MAX_DISTANCE"] == "250 m"
+        assert facts["unit"] == ("m" if layer == "minimum-height" else "1")
+        assert "line of sight" in facts["ADRET_DEFINITION"]
+        if layer == "seen-by":
+            assert facts["names"] == tuple(f"row {r} column {c}" for r, c in observers)
+
+
+def test_a_map_coordinate_is_the_cell_it_lies_in(terrain: Terrain, tmp_path: Path) -> None:
+    x, y = NORTH_UP.c + 10.2 * NORTH_UP.a, NORTH_UP.f + 20.9 * NORTH_UP.e
+    placed, facts = written("viewshed", terrain, tmp_path / "a.tif", at=((x, y),))
+    counted, _ = written("viewshed", terrain, tmp_path / "b.tif", observer=((20, 10),))
+    np.testing.assert_array_equal(placed, counted)
+    assert facts["ADRET_OBSERVERS"] == "row 20 column 10"
+
+
 def test_curvature_takes_the_radius_of_the_body(terrain: Terrain, tmp_path: Path) -> None:
     values, facts = written(
         "horizon",
@@ -184,6 +222,9 @@ def test_nodata_is_transparent_in_every_picture(terrain: Terrain, tmp_path: Path
         ("sky-view", {"directions": 4}),
         ("shadow", {}),
         ("light", {"sky": "overcast", "directions": 4}),
+        ("viewshed", {"observer": [(20, 20)]}),
+        ("viewshed", {"observer": [(20, 20)], "layer": "minimum-height"}),
+        ("viewshed", {"observer": [(20, 20)], "layer": "count"}),
     ]:
         picture = shown(name, terrain, tmp_path, **options)
         np.testing.assert_array_equal(picture[..., 3] == 0, terrain.mask, err_msg=name)
@@ -194,11 +235,15 @@ def test_nodata_is_transparent_in_every_picture(terrain: Terrain, tmp_path: Path
 
 def test_every_parameter_is_described_and_has_a_lawful_default() -> None:
     for name, product in PRODUCTS.items():
-        options = {"sky": "uniform"} if name == "light" else {}
+        options: dict[str, Any] = {
+            "light": {"sky": "uniform"},
+            "viewshed": {"observer": [(0, 0)]},
+        }.get(name, {})
         made = product.parameters(**options)
         for spec in products.specifications(product.parameters):
             assert spec.description.endswith("."), spec.name
-            assert spec.type in ("integer", "number", "boolean", "string", "numbers")
+            kinds = ("integer", "number", "boolean", "string", "numbers", "cells", "points")
+            assert spec.type in kinds
             assert spec.optional or getattr(made, spec.name) is not None
             if spec.unit == "deg":
                 assert spec.name.endswith("_deg")
@@ -225,6 +270,23 @@ def test_every_parameter_is_described_and_has_a_lawful_default() -> None:
         ("shadow", {"sun_deg": (10.0,)}, "sun_deg: must be 2 numbers"),
         ("light", {}, "sky: must be lit by at least one of sun, sky and environment"),
         ("light", {"sky": "uniform", "albedo": 1.5}, "albedo: must be a number between 0 and 1"),
+        ("viewshed", {}, "observer: must be given at least once"),
+        ("viewshed", {"observer": [(1, -1)]}, "observer: must be a whole number of at least 0"),
+        ("viewshed", {"observer": [(1, 2.5)]}, "observer: must be a whole number"),
+        ("viewshed", {"observer": [(1, 2, 3)]}, "observer: must be a list of up to 7200 pairs"),
+        ("viewshed", {"observer": []}, "observer: must be a list of up to 7200 pairs"),
+        ("viewshed", {"observer": "1,2"}, "observer: must be a list of up to 7200 pairs"),
+        ("viewshed", {"at": [(1.0, float("inf"))]}, "at: must be a number, got inf"),
+        (
+            "viewshed",
+            {"at": [(0, 0)], "azimuth_range_deg": (5, 5)},
+            "azimuth_range_deg: must be two different azimuths",
+        ),
+        (
+            "viewshed",
+            {"at": [(0, 0)], "pitch_range_deg": (5, 2)},
+            "pitch_range_deg: must be two elevations",
+        ),
     ],
 )
 def test_unlawful_parameters_are_named(kind: str, options: dict[str, Any], message: str) -> None:

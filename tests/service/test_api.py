@@ -9,11 +9,13 @@ from typing import Any
 import pytest
 from servers import AppClient
 
+from adret.products import PRODUCTS
 from adret_service import processes
 from adret_service.app import create_app
 from adret_service.engine.memory import MemoryEngine
 from adret_service.engine.port import JobRecord, JobStatus
 from adret_service.ids import new_id
+from adret_service.problems import Problem
 from adret_service.settings import Settings
 
 PROBLEM_KEYS = {"type", "title", "status", "detail", "instance", "errors", "request_id"}
@@ -95,7 +97,7 @@ def test_the_landing_page_links_to_what_exists(client: AppClient) -> None:
 
 def test_processes_are_described_by_their_own_schemas(client: AppClient) -> None:
     listed = client.get("/processes").json()["processes"]
-    assert [p["id"] for p in listed] == ["horizon", "sky-view", "openness", "shadow", "light"]
+    assert [p["id"] for p in listed] == list(PRODUCTS)
     for summary in listed:
         described = client.get(f"/processes/{summary['id']}").json()
         assert described["jobControlOptions"] == ["async-execute", "dismiss"]
@@ -106,6 +108,11 @@ def test_processes_are_described_by_their_own_schemas(client: AppClient) -> None
         assert set(described["outputs"]) == {"result", "preview"}
     directions = client.get("/processes/horizon").json()["inputs"]["directions"]["schema"]
     assert directions == {"type": "integer", "minimum": 1, "maximum": 7200, "default": 64}
+    observer = client.get("/processes/viewshed").json()["inputs"]["observer"]["schema"]
+    (cells,) = (kind for kind in observer["anyOf"] if kind["type"] == "array")
+    pair = {"type": "array", "items": {"type": "integer", "minimum": 0}}
+    assert cells["items"] == pair | {"minItems": 2, "maxItems": 2}
+    assert (cells["minItems"], cells["maxItems"]) == (1, 7200)
 
 
 def test_the_list_of_processes_has_pages(client: AppClient) -> None:
@@ -326,6 +333,23 @@ def test_validated_inputs_rebuild_the_librarys_parameters() -> None:
     )
     made = processes.parameters("light", inputs)
     assert (dataset, made.sun_deg, made.sky) == ("0" * 26, (315.0, 35.0), "overcast")
+
+
+@pytest.mark.parametrize(
+    ("inputs", "field"),
+    [
+        ({}, "inputs.observer"),
+        ({"observer": [[1]]}, "inputs.observer.0"),
+        ({"observer": [[1, 2.5]]}, "inputs.observer.0.1"),
+        ({"observer": [[1, -2]]}, "inputs.observer.0.1"),
+        ({"observer": []}, "inputs.observer"),
+        ({"at": [[1.0, "x"]]}, "inputs.at.0.1"),
+    ],
+)
+def test_observers_are_checked_one_by_one(inputs: dict[str, Any], field: str) -> None:
+    with pytest.raises(Problem) as caught:
+        processes.validated("viewshed", {"dataset": "0" * 26, **inputs})
+    assert [entry.field for entry in caught.value.errors] == [field]
 
 
 def test_datasets_are_listed_described_and_deleted(client: AppClient, small_dem: Path) -> None:

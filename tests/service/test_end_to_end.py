@@ -21,6 +21,7 @@ ORDERS = {
     "openness": {"directions": 8, "sign": -1},
     "shadow": {"sun_deg": [315.0, 35.0]},
     "light": {"directions": 8, "sky": "uniform", "sun_deg": [315.0, 35.0]},
+    "viewshed": {"observer": [[150, 170], [20, 300]], "layer": "count"},
 }
 
 

@@ -11,7 +11,14 @@ from adret.parameters import Parameters, Specification, specifications
 
 __all__ = ["command", "numbers", "option_name"]
 
-_METAVAR = {"integer": "N", "number": "X", "numbers": "X,X,...", "string": "TEXT"}
+_METAVAR = {
+    "integer": "N",
+    "number": "X",
+    "numbers": "X,X,...",
+    "string": "TEXT",
+    "cells": "ROW,COL",
+    "points": "X,Y",
+}
 
 # Options of every product's command: name, kind, metavar, help.
 _COMMON: tuple[tuple[str, Any, Any, str | None, str], ...] = (
@@ -52,7 +59,7 @@ def command(
         chosen = {
             spec.name: _value(spec, given[spec.name])
             for spec in known
-            if given[spec.name] is not None
+            if given[spec.name] not in (None, [])
         }
         action(source, out, parameters(**chosen), **common)
 
@@ -92,8 +99,11 @@ def _option_of(spec: Specification) -> inspect.Parameter:
         names = f"{name}/--no-{name[2:]}"
         return _parameter(spec.name, bool, typer.Option(names, help=text), spec.default)
     metavar = "|".join(spec.choices) if spec.choices else _METAVAR[spec.type]
+    if spec.type in ("cells", "points"):
+        repeated = typer.Option(name, metavar=metavar, help=f"{text} May be repeated.")
+        return _parameter(spec.name, list[str] | None, repeated, None)
     if spec.length == 2:
-        metavar = "AZ,EL"
+        metavar = "FROM,TO" if "range" in spec.name else "AZ,EL"
     if spec.form == "path":
         metavar = "FILE"
     shown = spec.default is not None
@@ -114,6 +124,8 @@ def _value(spec: Specification, text: Any) -> Any:
     """The typed value that was written; text stays text where it is no number."""
     if spec.type in ("boolean", "string"):
         return text
+    if spec.type in ("cells", "points"):
+        return tuple(numbers(spec.name, each, 2) for each in text)
     if spec.type == "numbers":
         return numbers(spec.name, text, spec.length)
     try:

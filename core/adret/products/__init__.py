@@ -20,10 +20,11 @@ from adret.parameters import (
     ShadowParameters,
     SkyViewParameters,
     Specification,
+    ViewshedParameters,
     specifications,
 )
 from adret.previews import preview
-from adret.products import sky, sun
+from adret.products import sights, sky, sun
 from adret.products.result import Progress, Result
 
 if TYPE_CHECKING:
@@ -161,6 +162,13 @@ PRODUCTS: dict[str, Product] = {
             description="Light from sun and sky on every cell, as irradiance or radiance.",
             parameters=LightParameters,
             compute=sun.light,
+        ),
+        Product(
+            name="viewshed",
+            title="Viewshed",
+            description="What one or many observers see, by exact lines of sight.",
+            parameters=ViewshedParameters,
+            compute=sights.viewshed,
         ),
     )
 }

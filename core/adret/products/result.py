@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from adret.cogs import Layers
 from adret.errors import InputError
-from adret.parameters import RayParameters, RoundParameters
+from adret.parameters import BodyParameters, RayParameters, RoundParameters
 
 if TYPE_CHECKING:
     from adret.terrain import Terrain
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
 __all__ = [
     "Progress",
     "Result",
+    "body_options",
     "degrees_text",
+    "hillshade",
     "ray_options",
     "tags_of",
 ]
@@ -53,8 +56,8 @@ class Result:
     encoding: dict[str, Any] = field(default_factory=dict)
 
 
-def ray_options(terrain: "Terrain", parameters: RayParameters) -> dict[str, Any]:
-    """The horizon's own options, with the radius that curvature stands for."""
+def body_options(terrain: "Terrain", parameters: BodyParameters) -> dict[str, Any]:
+    """Range, radius and refraction as the library takes them: the radius curvature stands for."""
     radius = parameters.radius
     if radius is None and parameters.curvature:
         radius = terrain.body_radius
@@ -62,11 +65,17 @@ def ray_options(terrain: "Terrain", parameters: RayParameters) -> dict[str, Any]
             raise InputError("radius", "given for curvature (the raster names no body)", None)
     if radius is None and parameters.refraction != 0.0:
         raise InputError("refraction", "0 without curvature", parameters.refraction)
-    options: dict[str, Any] = {
-        "method": parameters.method,
+    return {
         "max_distance": parameters.max_distance,
         "radius": radius,
         "refraction": parameters.refraction,
+    }
+
+
+def ray_options(terrain: "Terrain", parameters: RayParameters) -> dict[str, Any]:
+    """The horizon's own options."""
+    options = body_options(terrain, parameters) | {
+        "method": parameters.method,
         "observer_height": parameters.observer_height,
     }
     if parameters.near is not None:
@@ -75,35 +84,51 @@ def ray_options(terrain: "Terrain", parameters: RayParameters) -> dict[str, Any]
 
 
 def tags_of(
-    terrain: "Terrain", name: str, definition: str, parameters: RayParameters
+    terrain: "Terrain", name: str, definition: str, parameters: BodyParameters
 ) -> dict[str, str]:
     """What the file says about itself."""
     import adret
     from adret.horizon import NEAR_DEFAULT
     from adret.methods import MAX_AZIMUTH_ERROR
 
-    options = ray_options(terrain, parameters)
+    radius = body_options(terrain, parameters)["radius"]
     tags = {
         "ADRET_VERSION": adret.__version__,
         "ADRET_PRODUCT": name,
         "ADRET_DEFINITION": definition,
-        "ADRET_METHOD": parameters.method,
         "ADRET_AZIMUTH_CONVENTION": "degrees clockwise from grid north",
-        "ADRET_RADIUS": "flat" if options["radius"] is None else f"{options['radius']:.1f} m",
+        "ADRET_RADIUS": "flat" if radius is None else f"{radius:.1f} m",
         "ADRET_REFRACTION": f"{parameters.refraction:g}",
-        "ADRET_OBSERVER_HEIGHT": f"{parameters.observer_height:g} m",
         "ADRET_CELL_SIZE": f"{terrain.cell_size[0]:.9g} x {terrain.cell_size[1]:.9g} m",
     }
-    if parameters.method == "sweep":
-        tags["ADRET_NEAR"] = str(NEAR_DEFAULT if parameters.near is None else parameters.near)
     if parameters.max_distance is not None:
         tags["ADRET_MAX_DISTANCE"] = f"{parameters.max_distance:g} m"
+    if isinstance(parameters, RayParameters):
+        tags["ADRET_METHOD"] = parameters.method
+        tags["ADRET_OBSERVER_HEIGHT"] = f"{parameters.observer_height:g} m"
+        if parameters.method == "sweep":
+            tags["ADRET_NEAR"] = str(NEAR_DEFAULT if parameters.near is None else parameters.near)
     if isinstance(parameters, RoundParameters):
         tags["ADRET_DIRECTIONS"] = str(parameters.directions)
     if terrain.azimuth_error > 0.0:
         error = np.degrees(min(terrain.azimuth_error, MAX_AZIMUTH_ERROR))
         tags["ADRET_AZIMUTH_ERROR"] = f"at most {error:.4f} deg"
     return tags
+
+
+def hillshade(terrain: "Terrain", azimuth_deg: float, elevation_deg: float) -> NDArray[Any]:
+    """Brightness 0.3..1 of the ground for a picture."""
+    from adret.normals import surface_normals
+
+    azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
+    toward = (
+        np.sin(azimuth) * np.cos(elevation),
+        np.cos(azimuth) * np.cos(elevation),
+        np.sin(elevation),
+    )
+    normals = surface_normals(terrain)
+    cosine = sum(np.float32(t) * n for t, n in zip(toward, normals, strict=True))
+    return np.asarray(0.3 + 0.7 * np.clip(cosine, 0.0, 1.0))
 
 
 def degrees_text(degrees: float) -> str:

@@ -11,6 +11,7 @@ from adret.products.result import (
     Progress,
     Result,
     degrees_text,
+    hillshade,
     ray_options,
     tags_of,
 )
@@ -46,7 +47,7 @@ def shadow(terrain: "Terrain", parameters: ShadowParameters, progress: Progress 
         encoding=encoding,
         picture=lambda: {
             "layer": found.code,
-            "shading": _hillshade(terrain, azimuth, max(elevation, 30.0)),
+            "shading": hillshade(terrain, azimuth, max(elevation, 30.0)),
         },
     )
 
@@ -119,21 +120,6 @@ def light(terrain: "Terrain", parameters: LightParameters, progress: Progress | 
         tags=tags_of(terrain, "light", f"{quantity} from {', '.join(sources)}", parameters),
         picture=lambda: {"layer": total, "low": 0.0, "gamma": 1.5},
     )
-
-
-def _hillshade(terrain: "Terrain", azimuth_deg: float, elevation_deg: float) -> NDArray[Any]:
-    """Brightness 0.3..1 of the ground for a picture."""
-    from adret.normals import surface_normals
-
-    azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
-    toward = (
-        np.sin(azimuth) * np.cos(elevation),
-        np.cos(azimuth) * np.cos(elevation),
-        np.sin(elevation),
-    )
-    normals = surface_normals(terrain)
-    cosine = sum(np.float32(t) * n for t, n in zip(toward, normals, strict=True))
-    return np.asarray(0.3 + 0.7 * np.clip(cosine, 0.0, 1.0))
 
 
 def _part(progress: Progress | None, part: int, parts: int) -> Progress | None:

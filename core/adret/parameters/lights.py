@@ -1,0 +1,98 @@
+"""Parameters of products that are lit."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from adret.errors import InputError
+from adret.parameters.horizons import RayParameters, RoundParameters
+from adret.parameters.specification import option
+
+__all__ = ["LightParameters", "ShadowParameters"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShadowParameters(RayParameters):
+    """Parameters of the shadow map."""
+
+    sun_deg: tuple[float, ...] = option(
+        (315.0, 35.0),
+        "Azimuth (clockwise from grid north) and elevation of the sun.",
+        unit="deg",
+        minimum=-360.0,
+        maximum=720.0,
+        length=2,
+    )
+    sun_diameter_deg: float = option(
+        0.533, "Angular diameter of the solar disc.", unit="deg", minimum=0.0, maximum=20.0
+    )
+    layer: Literal["code", "lit"] = option(
+        "code",
+        "code: 0 lit, 1 self-shadowed, 2 cast shadow; lit: share of the solar disc that is seen.",
+    )
+
+    def __post_init__(self) -> None:
+        """Check the sun's elevation."""
+        super().__post_init__()
+        _check_sun(self.sun_deg)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LightParameters(RoundParameters):
+    """Parameters of the light map; at least one of sun, sky and environment."""
+
+    sun_deg: tuple[float, ...] | None = option(
+        None,
+        "Azimuth (clockwise from grid north) and elevation of the sun.",
+        unit="deg",
+        minimum=-360.0,
+        maximum=720.0,
+        length=2,
+    )
+    sun_irradiance: float = option(
+        1.0, "The sun's irradiance across its beam.", minimum=0.0, maximum=1e9
+    )
+    sun_diameter_deg: float = option(
+        0.533, "Angular diameter of the solar disc.", unit="deg", minimum=0.0, maximum=20.0
+    )
+    sky: Literal["none", "uniform", "overcast"] = option(
+        "none", "Sky light: uniform, or Moon and Spencer's overcast sky."
+    )
+    sky_radiance: float = option(
+        1.0,
+        "Radiance of the uniform sky, or the overcast sky's at the zenith.",
+        minimum=0.0,
+        maximum=1e9,
+    )
+    environment: str | None = option(
+        None,
+        "Environment map of the sky: .hdr, .exr or .npy, equirectangular or cube map.",
+        form="path",
+    )
+    environment_rotation_deg: float = option(
+        0.0, "Turn the environment clockwise.", unit="deg", minimum=-360.0, maximum=360.0
+    )
+    normal_angles: int | None = option(
+        None,
+        "Normal angles in the environment's table; default: the library's.",
+        minimum=2,
+        maximum=1024,
+    )
+    albedo: float | None = option(
+        None,
+        "Reflectance: write the radiance that a matt surface sends back instead of the irradiance.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+    def __post_init__(self) -> None:
+        """Check the sun's elevation, and that there is any light."""
+        super().__post_init__()
+        if self.sun_deg is not None:
+            _check_sun(self.sun_deg)
+        if self.sun_deg is None and self.sky == "none" and self.environment is None:
+            raise InputError("sky", "lit by at least one of sun, sky and environment", "none")
+
+
+def _check_sun(sun: tuple[float, ...]) -> None:
+    if not -90.0 <= sun[1] <= 90.0:
+        raise InputError("sun_deg", "an elevation between -90 and 90 deg", sun[1])

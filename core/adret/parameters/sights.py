@@ -1,0 +1,64 @@
+"""Parameters of products about who sees whom."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from adret.errors import InputError
+from adret.parameters.horizons import BodyParameters
+from adret.parameters.specification import option
+
+__all__ = ["ViewshedParameters"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewshedParameters(BodyParameters):
+    """Parameters of the viewshed; at least one observer."""
+
+    observer: tuple[tuple[int, int], ...] | None = option(
+        None,
+        "Observer's cell: row and column, counted from 0 at the north-western corner.",
+        minimum=0,
+    )
+    at: tuple[tuple[float, float], ...] | None = option(
+        None, "Observer's place: x and y in the raster's reference system."
+    )
+    observer_height: float = option(
+        1.6, "Height of the eyes above the ground.", unit="m", minimum=0.0, maximum=1e6
+    )
+    target_height: float = option(
+        0.0, "Height of the targets above the ground.", unit="m", minimum=0.0, maximum=1e6
+    )
+    azimuth_range_deg: tuple[float, ...] | None = option(
+        None,
+        "Look from the first of these azimuths clockwise to the second, from grid north.",
+        unit="deg",
+        minimum=-360.0,
+        maximum=720.0,
+        length=2,
+    )
+    pitch_range_deg: tuple[float, ...] | None = option(
+        None,
+        "Look at targets between these elevations above the horizontal.",
+        unit="deg",
+        minimum=-90.0,
+        maximum=90.0,
+        length=2,
+    )
+    layer: Literal["visible", "count", "seen-by", "minimum-height"] = option(
+        "visible",
+        "visible: 1 where any observer sees the target; count: number of observers that do; "
+        "seen-by: the same for each observer, one band each; minimum-height: how far above the "
+        "ground a target must reach to be seen.",
+    )
+
+    def __post_init__(self) -> None:
+        """Check that somebody looks, and somewhere."""
+        super().__post_init__()
+        if self.observer is None and self.at is None:
+            raise InputError("observer", "given at least once, as a cell or as a place (at)", None)
+        azimuths = self.azimuth_range_deg
+        if azimuths is not None and azimuths[0] == azimuths[1]:
+            raise InputError("azimuth_range_deg", "two different azimuths", azimuths)
+        pitches = self.pitch_range_deg
+        if pitches is not None and not pitches[0] < pitches[1]:
+            raise InputError("pitch_range_deg", "two elevations, the lower one first", pitches)

@@ -1,0 +1,104 @@
+"""Products about who sees whom: viewsheds."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from adret.errors import InputError
+from adret.parameters import ViewshedParameters
+from adret.products.result import Progress, Result, body_options, hillshade, tags_of
+
+if TYPE_CHECKING:
+    from adret.terrain import Terrain
+    from adret.viewsheds import Viewshed
+
+__all__ = ["viewshed"]
+
+LINE = "a straight line of sight that the terrain crosses at no grid line"
+# Codes of `preview`: bright, dark, transparent.
+BRIGHT, DARK, NOTHING = 0, 2, 3
+
+
+def viewshed(
+    terrain: "Terrain", parameters: ViewshedParameters, progress: Progress | None
+) -> Result:
+    from adret.viewsheds import BITS, cells_at
+    from adret.viewsheds import viewshed as viewshed_of
+
+    observers = list(parameters.observer or ())
+    for x, y in parameters.at or ():
+        observers += cells_at(terrain, x, y)
+    if parameters.layer == "seen-by" and len(observers) > BITS:
+        raise InputError("observer", f"at most {BITS} for layer seen-by", len(observers))
+    found = viewshed_of(
+        terrain,
+        observers,
+        observer_height=parameters.observer_height,
+        target_height=parameters.target_height,
+        azimuth_range=_radians(parameters.azimuth_range_deg),
+        pitch_range=_radians(parameters.pitch_range_deg),
+        progress=progress,
+        **body_options(terrain, parameters),
+    )
+    definition = {
+        "visible": f"1 where at least one observer has {LINE} to the target, else 0",
+        "count": f"number of observers that have {LINE} to the target",
+        "seen-by": f"1 where the observer has {LINE} to the target, else 0",
+        "minimum-height": f"least height above ground of a target to which there is {LINE}",
+    }[parameters.layer]
+    places = [f"row {row} column {column}" for row, column in found.observers]
+    tags = tags_of(terrain, "viewshed", definition, parameters) | {
+        "ADRET_METHOD": "exact",
+        "ADRET_OBSERVER_HEIGHT": f"{parameters.observer_height:g} m",
+        "ADRET_TARGET_HEIGHT": f"{parameters.target_height:g} m",
+        "ADRET_OBSERVERS": "; ".join(places[:BITS]) + ("; ..." if len(places) > BITS else ""),
+    }
+    for name, given in (
+        ("AZIMUTH", parameters.azimuth_range_deg),
+        ("PITCH", parameters.pitch_range_deg),
+    ):
+        if given is not None:
+            tags[f"ADRET_{name}_RANGE"] = f"{given[0]:g} to {given[1]:g} deg"
+    layers, encoding = _layers(found, parameters.layer)
+    return Result(
+        layers=layers,
+        names=tuple(places) if parameters.layer == "seen-by" else (parameters.layer,),
+        unit="m" if parameters.layer == "minimum-height" else "1",
+        tags=tags,
+        encoding=encoding,
+        picture=lambda: _picture(found, parameters.layer),
+    )
+
+
+def _layers(found: "Viewshed", layer: str) -> tuple[Any, dict[str, Any]]:
+    """The layers of a viewshed as they are stored, and how."""
+    if layer == "minimum-height":
+        return found.minimum_height, {}
+    dtype, nodata = ("uint16", 65535) if layer == "count" else ("uint8", 255)
+    encoding = {"dtype": dtype, "nodata": nodata, "resampling": "nearest"}
+    mask = found.terrain.mask
+    if layer == "seen-by":
+        assert found.seen_by is not None
+        seen = found.seen_by
+        bits = (
+            (i, np.where(mask, nodata, (seen >> np.uint64(i)) & np.uint64(1)).astype(np.uint8))
+            for i in range(len(found.observers))
+        )
+        return bits, encoding
+    values = found.count if layer == "count" else found.visible
+    return np.where(mask, nodata, values).astype(dtype), encoding
+
+
+def _picture(found: "Viewshed", layer: str) -> dict[str, Any]:
+    if layer in ("visible", "seen-by"):
+        code = np.where(found.visible, BRIGHT, DARK).astype(np.uint8)
+        code[found.terrain.mask] = NOTHING
+        return {"layer": code, "shading": hillshade(found.terrain, 315.0, 45.0)}
+    values = found.minimum_height
+    if layer == "count":
+        values = np.where(found.terrain.mask, np.nan, found.count).astype(np.float32)
+    return {"layer": values, "colours": "dusk", "low": 0.0}
+
+
+def _radians(pair: tuple[float, ...] | None) -> tuple[float, float] | None:
+    return None if pair is None else (float(np.radians(pair[0])), float(np.radians(pair[1])))

@@ -3,6 +3,7 @@ PYTHON ?= $(shell command -v python3.13 || command -v python3.12 || command -v p
 VENV ?= .venv
 BIN = $(VENV)/bin
 STAMP = $(VENV)/.installed
+DEVELOP = $(VENV)/.installed-dev
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test stress check format bench openapi clean
@@ -10,31 +11,35 @@ STAMP = $(VENV)/.installed
 help: ## List these targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
-install: $(STAMP) ## Make the virtual environment with pinned packages
+install: $(DEVELOP) ## Make the virtual environment with pinned packages
 
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "Adret needs Python 3.11 or newer; say where: make PYTHON=/path/to/python3.12"'
 	@echo "Installing into $(VENV) ..."
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[service,dev]"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[service]"
 	@touch $(STAMP)
+
+$(DEVELOP): $(STAMP)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[service,dev]"
+	@touch $(DEVELOP)
 
 demo: $(STAMP) ## Light the Aletsch region: horizons, sky view, shadow, a lit picture
 	@$(BIN)/python examples/demo.py
 
-test: $(STAMP) ## Run the tests (library, command line, service through a real server)
+test: $(DEVELOP) ## Run the tests (library, command line, service through a real server)
 	$(BIN)/python -m pytest -q
 
-stress: $(STAMP) ## Run the slow checks
+stress: $(DEVELOP) ## Run the slow checks
 	$(BIN)/python -m pytest -q -m slow
 
-check: $(STAMP) ## Lint, types, import directions
+check: $(DEVELOP) ## Lint, types, import directions
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-format: $(STAMP) ## Format and fix what can be fixed
+format: $(DEVELOP) ## Format and fix what can be fixed
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 

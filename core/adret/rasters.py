@@ -27,11 +27,16 @@ __all__ = [
     "GDAL_OPTIONS",
     "HeightGrid",
     "ReadLimits",
+    "check_numbers",
     "open_heights",
     "preview",
     "sniff_driver",
     "write",
 ]
+
+
+_NUMBER_BYTES = b"0123456789+-.,eE \t\r\nnaNAifIF"
+_GRID_KEYS = (b"ncols", b"nrows", b"xll", b"yll", b"cellsize", b"dx", b"dy", b"nodata_value")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +67,23 @@ class HeightGrid:
     transform: "Affine | None"
     cell_size: tuple[float, float]
     vertical_unit: str
+
+
+def check_numbers(path: PathLike, field: str = "path") -> None:
+    """Refuse an ASCII grid with words among its heights, which GDAL would read as zeros.
+
+    Raises
+    ------
+    RasterError
+        Naming `field` and the start of the first such line.
+    """
+    with open(path, "rb") as file:
+        header = True
+        for line in iter(lambda: file.readline(1 << 20), b""):
+            header = header and line.lower().lstrip().startswith(_GRID_KEYS)
+            if not header and line.translate(None, _NUMBER_BYTES):
+                start = line.strip()[:40].decode("ascii", "replace")
+                raise RasterError(field, "an ASCII grid of numbers", start)
 
 
 def open_heights(
@@ -104,6 +126,8 @@ def open_heights(
     from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
     absolute, driver = sniff_driver(path)
+    if driver == "AAIGrid":
+        check_numbers(absolute)
     try:
         with warnings.catch_warnings(), rasterio.Env(**GDAL_OPTIONS):
             # Said by our own error, with what to do about it.

@@ -25,8 +25,6 @@ from adret_service.storage import HEIGHTS, UPLOAD
 __all__ = ["child", "read_dataset", "send_drivers"]
 
 KEPT_DRIVERS = {"GTiff", "COG", "PNG", "AAIGrid", "MEM"}
-NUMBER_BYTES = b"0123456789+-.,eE \t\r\nnaNAifIF"
-GRID_KEYS = (b"ncols", b"nrows", b"xll", b"yll", b"cellsize", b"dx", b"dy", b"nodata_value")
 PR_SET_NO_NEW_PRIVS = 38
 
 
@@ -146,23 +144,8 @@ def check_header(limits: dict[str, Any]) -> dict[str, Any]:
         limit = f"at most {limits['max_ratio']:g} decoded bytes a stored byte"
         raise RasterError("size", limit, round(ratio, 1))
     if driver == "AAIGrid":
-        check_numbers()
+        rasters.check_numbers(UPLOAD, "file")
     return {"driver": driver, "dtype": kind}
-
-
-def check_numbers() -> None:
-    """Refuse an ASCII grid with words among its heights, which GDAL would read as zeros."""
-    with open(UPLOAD, "rb") as file:
-        header = True
-        for line in iter(lambda: file.readline(1 << 20), b""):
-            header = header and line.lower().lstrip().startswith(GRID_KEYS)
-            if not header and line.translate(None, NUMBER_BYTES):
-                raise RasterError("file", "an ASCII grid of numbers", printable_start(line))
-
-
-def printable_start(line: bytes) -> str:
-    """Return the first characters of a line as text."""
-    return line.strip()[:40].decode("ascii", "replace")
 
 
 def write(terrain: Terrain) -> None:

@@ -611,3 +611,14 @@ def test_previews_that_cannot_be_made_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RasterError, match="preview: must be in a folder that exists"):
         rasters.preview(tmp_path / "no" / "a.png", np.zeros((2, 2)))
     assert os.listdir(tmp_path) == []
+
+
+def test_words_in_an_ascii_grid_are_refused(tmp_path: Path) -> None:
+    """GDAL reads them as zeros."""
+    path = tmp_path / "words.asc"
+    head = "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\nNODATA_value -9999\n"
+    path.write_text(head + "1 2\n3 four\n")
+    with pytest.raises(RasterError, match=r"path: must be an ASCII grid of numbers, got '3 four'"):
+        Terrain.open(path)
+    path.write_text(head + "1 2\n3 -4e1\n")
+    assert Terrain.open(path).elevations()[1, 1] == -40.0

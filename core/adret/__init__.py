@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from adret.sky_view import openness, sky_view_factor
     from adret.terrain import Terrain
     from adret.viewsheds import Viewshed, cells_at, viewshed
+    from adret.visibility import Intervisibility, intervisibility
 
 __version__ = "0.1.0"
 
@@ -29,6 +30,7 @@ _HOME = {
     "Environment": "skies",
     "HorizonMap": "horizon",
     "InputError": "errors",
+    "Intervisibility": "visibility",
     "Light": "light",
     "LineOfSight": "sight",
     "OvercastSky": "skies",
@@ -45,6 +47,7 @@ _HOME = {
     "horizon_at": "horizon",
     "horizon_map": "horizon",
     "indirect_light": "bounces",
+    "intervisibility": "visibility",
     "last_run_report": "report",
     "line_of_sight": "sight",
     "openness": "sky_view",
@@ -61,6 +64,7 @@ __all__ = [
     "Environment",
     "HorizonMap",
     "InputError",
+    "Intervisibility",
     "Light",
     "LineOfSight",
     "OvercastSky",
@@ -77,6 +81,7 @@ __all__ = [
     "horizon_at",
     "horizon_map",
     "indirect_light",
+    "intervisibility",
     "last_run_report",
     "line_of_sight",
     "openness",

@@ -291,7 +291,7 @@ def intervisibility(
     >>> east.visible(0, 3, 0)[1]
     array([4, 6])
     >>> adret.intervisibility(terrain, azimuths=[np.pi / 2], reduce="visible_count")
-    array([[1., 4., 3., 2., 2., 1., 0.]], dtype=float32)
+    array([[1., 5., 3., 2., 2., 1., 0.]], dtype=float32)
     """
     if method not in get_args(SightMethod):
         raise InputError("method", f"one of {', '.join(get_args(SightMethod))}", method)

@@ -37,7 +37,7 @@ def random_heights(size: int = 1024, seed: int = 2) -> Array:
 
 
 def brick_surface(size: int = 1024, seed: int = 3) -> Array:
-    """Courses of bricks between mortar grooves, each with a tilt, a height and a rough face."""
+    """Courses of bricks between mortar grooves, each with a tilt, a height and a worn face."""
     rng = np.random.default_rng(seed)
     i, j = np.mgrid[0:size, 0:size].astype(np.float64)
     length, course = 64.0, 32.0
@@ -53,7 +53,7 @@ def brick_surface(size: int = 1024, seed: int = 3) -> Array:
     wave = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None, :])
     wave[0, 0] = np.inf
     noise = np.fft.rfft2(rng.normal(size=(size, size)))
-    face = np.fft.irfft2(noise / wave**1.5 * (wave > 1.0 / 64.0), s=(size, size))
+    face = np.fft.irfft2(noise / wave**2.5 * (wave > 1.0 / 64.0), s=(size, size))
     face = lift + tilt_x * x + tilt_y * y + face / face.std()
     mortar = np.clip((3.0 - to_edge) / 2.0, 0.0, 1.0)
     return face * (1.0 - mortar) - 6.0 * mortar

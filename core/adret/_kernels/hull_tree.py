@@ -1,10 +1,10 @@
 """The convex-hull tree of paper P2: the local horizons of every sample of a line, incrementally.
 
-After Timonen 2012 (*Low-complexity intervisibility in height fields*, sections 4, 5 and 7,
-algorithms 1 to 3). Each convex stretch of a line starts a hull path that ends in the receiver, the
-tree's root; paths share their nodes, and the root's children are the tangent points: from each of
-them the terrain is seen until the next nearer one hides it. A new sample becomes the root over the
-old one, and paths are made convex again from the root down.
+After Timonen 2012 (paper P2: sections 4, 5 and 7, algorithms 1 to 3; the thesis's appendix A.2).
+Each convex stretch of a line starts a hull path that ends in the receiver, the tree's root; paths
+share their nodes, and the root's children are the tangent points: from each of them the terrain is
+seen until the next nearer one hides it. A new sample becomes the root over the old one, and paths
+are made convex again from the root down.
 
 - Nodes are sample numbers; `child` is the first (farthest, highest) child, `sibling` the next one.
 - The repair is a walk on an explicit stack that appends the root's children from far to near.
@@ -21,7 +21,7 @@ import numpy as np
 
 from adret._kernels.jit import index, kernel
 
-ZONE = 16.0  # steps that a safe zone is long
+ZONE = 32.0  # steps that a safe zone is long
 MARGIN = 8.0  # quanta: far above the rounding of a line continued over a zone
 
 
@@ -133,7 +133,6 @@ def list_by_tree(
     n = index(place)
     while n <= count and at <= room:
         child[n] = -1
-        sibling[n] = -1
         leaf[n] = 0
         bounds[n] = at
         hn = h[n]
@@ -150,17 +149,15 @@ def list_by_tree(
         dr = sn - s[r]
         b = r - index(1)
         turn = hr * (sn - s[b]) - (h[b] - hn) * dr
-        if turn != turn:
-            leaf[r] = 1
-            concave = 0
-        elif turn > 0.0:
-            leaf[r] = concave
-            concave = 0
-        elif turn < 0.0:
-            concave = 1
+        stays = False
+        if turn != 0.0:
+            # A sample behind a gap turns by NaN: it begins one.
+            stays = (concave == 1 and turn > 0.0) or turn != turn
+            leaf[r] = 1 if stays else 0
+            concave = 1 if turn < 0.0 else 0
         # Does the new root just take the old one's place?
         replaced = False
-        if sn <= zone_to and m > 0 and leaf[r] == 0:
+        if sn <= zone_to and m > 0 and not stays:
             k = index(kids[m - index(1)])
             checks += 1
             replaced = (h[k] - hn) * dr >= hr * (sn - s[k]) and (

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from adret.normals import surface_normals
     from adret.report import RunReport, last_run_report
     from adret.shadows import Shadow, shadow
-    from adret.sight import LineOfSight, line_of_sight
+    from adret.sight import LineOfSight, cells_at, line_of_sight
     from adret.skies import Environment, OvercastSky, Sun, UniformSky
     from adret.sky_view import openness, sky_view_factor
     from adret.terrain import Terrain
-    from adret.viewsheds import Viewshed, cells_at, viewshed
+    from adret.viewsheds import Viewshed, total_viewshed, viewshed
     from adret.visibility import Intervisibility, intervisibility
 
 __version__ = "0.1.0"
@@ -42,7 +42,7 @@ _HOME = {
     "UniformSky": "skies",
     "Viewshed": "viewsheds",
     "azimuth_set": "azimuths",
-    "cells_at": "viewsheds",
+    "cells_at": "sight",
     "direct_light": "light",
     "horizon_at": "horizon",
     "horizon_map": "horizon",
@@ -55,6 +55,7 @@ _HOME = {
     "shadow": "shadows",
     "sky_view_factor": "sky_view",
     "surface_normals": "normals",
+    "total_viewshed": "viewsheds",
     "viewshed": "viewsheds",
 }
 
@@ -89,6 +90,7 @@ __all__ = [
     "shadow",
     "sky_view_factor",
     "surface_normals",
+    "total_viewshed",
     "viewshed",
 ]
 

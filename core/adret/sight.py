@@ -5,14 +5,22 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from adret._kernels import sight as kernels
 from adret.errors import InputError
 from adret.horizon import HorizonOptions
 from adret.terrain import Terrain
 
-__all__ = ["LineOfSight", "SightGrid", "cell", "line_of_sight", "sight_options"]
+__all__ = [
+    "LineOfSight",
+    "SightGrid",
+    "cell",
+    "cells_at",
+    "height_above_ground",
+    "line_of_sight",
+    "sight_options",
+]
 
 Cell = tuple[int, int]
 
@@ -164,6 +172,47 @@ def line_of_sight(
         minimum_height=max(grazing - ground, 0.0),
         grazing_elevation=grazing + terrain.datum,
     )
+
+
+def cells_at(terrain: Terrain, x: ArrayLike, y: ArrayLike) -> list[Cell]:
+    """Row and column of the cells that hold some points of the map.
+
+    Parameters
+    ----------
+    terrain : Terrain
+        With a transform.
+    x, y : array_like, shape () or (P,)
+        Coordinates in the terrain's CRS: easting and northing, or longitude and latitude.
+
+    Returns
+    -------
+    list of (int, int)
+
+    Raises
+    ------
+    InputError
+        If the terrain has no transform or a point lies outside the raster.
+
+    Examples
+    --------
+    >>> import adret
+    >>> aletsch = adret.Terrain.open("examples/data/alpine_aletsch_dhm200_lv95_200m.tif")
+    >>> adret.cells_at(aletsch, 2_650_000.0, 1_150_000.0)
+    [(172, 244)]
+    """
+    transform = terrain.transform
+    if transform is None:
+        raise InputError("terrain", "georeferenced (with a transform)", repr(terrain))
+    rows, columns = terrain.shape
+    found = []
+    points = zip(*np.broadcast_arrays(np.atleast_1d(x), np.atleast_1d(y)), strict=True)
+    for east, north in points:
+        column = (float(east) - transform.c) / transform.a
+        row = (float(north) - transform.f) / transform.e
+        if not (0.0 <= row < rows and 0.0 <= column < columns):
+            raise InputError("coordinates", "inside the raster", (float(east), float(north)))
+        found.append((math.floor(row), math.floor(column)))
+    return found
 
 
 def cell(field: str, given: Any, terrain: Terrain) -> Cell:

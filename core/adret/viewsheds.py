@@ -15,7 +15,7 @@ from adret.report import RunReport, remember
 from adret.sight import Cell, SightGrid, cell, height_above_ground, sight_options
 from adret.terrain import Terrain
 
-__all__ = ["Viewshed", "cells_at", "viewshed"]
+__all__ = ["Viewshed", "total_viewshed", "viewshed"]
 
 Progress = Callable[[int, int], None]
 Range = tuple[float, float]
@@ -168,45 +168,64 @@ def viewshed(
     return Viewshed(count > 0, count, seen_by, least, places, terrain, report)
 
 
-def cells_at(terrain: Terrain, x: ArrayLike, y: ArrayLike) -> list[Cell]:
-    """Row and column of the cells that hold some points of the map.
+def total_viewshed(
+    terrain: Terrain,
+    directions: int = 32,
+    *,
+    observer_height: float = 1.6,
+    max_distance: float | None = None,
+    radius: float | None = None,
+    refraction: float = 0.0,
+    progress: Progress | None = None,
+) -> NDArray[np.float32]:
+    """Ground that an observer on each cell sees, in plan [m²]: a viewshed for every cell.
 
     Parameters
     ----------
     terrain : Terrain
-        With a transform.
-    x, y : array_like, shape () or (P,)
-        Coordinates in the terrain's CRS: easting and northing, or longitude and latitude.
+    directions : int
+        Number of azimuths in which sight is followed.
+    observer_height : float
+        Height of the eyes above the ground [m]. What is seen is ground.
+    max_distance, radius, refraction, progress
+        As for `viewshed`; progress counts azimuths.
 
     Returns
     -------
-    list of (int, int)
+    ndarray, shape (rows, columns), float32
+        The observer's own cell left out; NaN at nodata.
 
     Raises
     ------
     InputError
-        If the terrain has no transform or a point lies outside the raster.
+        If an option is out of range.
+
+    Notes
+    -----
+    It is ``intervisibility(reduce="visible_area")``: 2π times the mean over the azimuths of the
+    visible ground along each, weighted by its distance. Sight is followed on swept lines, not on
+    each pair's own line as in `viewshed`, and between azimuths nothing is looked at.
 
     Examples
     --------
-    >>> import adret
-    >>> aletsch = adret.Terrain.open("examples/data/alpine_aletsch_dhm200_lv95_200m.tif")
-    >>> adret.cells_at(aletsch, 2_650_000.0, 1_150_000.0)
-    [(172, 244)]
+    >>> import numpy as np, adret
+    >>> flat = adret.Terrain(np.zeros((41, 41)), (10.0, 10.0))
+    >>> area = adret.total_viewshed(flat, 64)
+    >>> round(float(area[20, 20]) / (410.0 * 410.0), 2)
+    1.0
     """
-    transform = terrain.transform
-    if transform is None:
-        raise InputError("terrain", "georeferenced (with a transform)", repr(terrain))
-    rows, columns = terrain.shape
-    found = []
-    points = zip(*np.broadcast_arrays(np.atleast_1d(x), np.atleast_1d(y)), strict=True)
-    for east, north in points:
-        column = (float(east) - transform.c) / transform.a
-        row = (float(north) - transform.f) / transform.e
-        if not (0.0 <= row < rows and 0.0 <= column < columns):
-            raise InputError("coordinates", "inside the raster", (float(east), float(north)))
-        found.append((math.floor(row), math.floor(column)))
-    return found
+    from adret.visibility import intervisibility
+
+    return intervisibility(
+        terrain,
+        directions,
+        reduce="visible_area",
+        observer_height=observer_height,
+        max_distance=max_distance,
+        radius=radius,
+        refraction=refraction,
+        progress=progress,
+    )
 
 
 class _Run:

@@ -11,7 +11,7 @@ import pytest
 from affine import Affine
 
 import adret
-from adret import InputError, Terrain, cells_at, line_of_sight, viewshed
+from adret import InputError, Terrain, cells_at, line_of_sight, total_viewshed, viewshed
 from adret._kernels import jit
 from sight_oracle import seen_in_whole_numbers, sight
 
@@ -492,3 +492,23 @@ def test_a_line_of_sight_needs_two_cells_with_data() -> None:
     np.testing.assert_array_equal(np.isnan(across.ground), [False, True, False])
     neighbour = line_of_sight(terrain, (0, 0), (0, 1))
     assert (neighbour.minimum_height, neighbour.grazing_elevation) == (0.0, -math.inf)
+
+
+# ---------------------------------------------------------------- for every cell
+
+
+def test_the_total_viewshed_is_the_area_of_every_viewshed(example_dem: Path) -> None:
+    terrain = Terrain.open(example_dem).window((100, 180), (120, 210))
+    area = total_viewshed(terrain, 64, observer_height=20.0, max_distance=8000.0)
+    assert area.dtype == np.float32
+    cells = [(int(r), int(c)) for r, c in np.random.default_rng(2).integers(0, 80, (60, 2))]
+    exact = [
+        viewshed(terrain, cell, observer_height=20.0, max_distance=8000.0).count.sum() - 1
+        for cell in cells
+    ]
+    want = np.array(exact) * 200.0**2
+    got = np.array([area[cell] for cell in cells])
+    # 64 azimuths on swept lines against each pair's own line.
+    assert got.sum() == pytest.approx(want.sum(), rel=0.03)
+    assert np.abs(got - want).sum() < 0.08 * want.sum()
+    assert np.corrcoef(got, want)[0, 1] > 0.99

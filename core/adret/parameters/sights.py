@@ -7,7 +7,7 @@ from adret.errors import InputError
 from adret.parameters.horizons import BodyParameters
 from adret.parameters.specification import option
 
-__all__ = ["ViewshedParameters"]
+__all__ = ["ViewshedParameters", "VisibilityParameters"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,3 +62,33 @@ class ViewshedParameters(BodyParameters):
         pitches = self.pitch_range_deg
         if pitches is not None and not pitches[0] < pitches[1]:
             raise InputError("pitch_range_deg", "two elevations, the lower one first", pitches)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VisibilityParameters(BodyParameters):
+    """Parameters of what every cell sees."""
+
+    measure: Literal[
+        "visible-count",
+        "visible-area",
+        "sight-distance",
+        "max-sight-distance",
+        "horizon-count",
+        "sky-view",
+        "terrain-view",
+    ] = option(
+        "visible-area",
+        "visible-count: samples seen; visible-area: ground seen, the total viewshed; "
+        "sight-distance, max-sight-distance: way to the farthest ground seen, mean or largest over "
+        "the azimuths; horizon-count: local horizons; sky-view, terrain-view: shares of the "
+        "hemisphere over the sloping cell.",
+    )
+    directions: int = option(
+        32, "Number of azimuths, equally spaced from grid north.", minimum=1, maximum=7200
+    )
+    method: Literal["tree", "march"] = option(
+        "tree", "tree: convex-hull tree; march: the naive walk, which gives the same."
+    )
+    observer_height: float = option(
+        1.6, "Height of the eyes above the ground.", unit="m", minimum=0.0, maximum=1e6
+    )

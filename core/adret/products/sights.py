@@ -1,20 +1,29 @@
-"""Products about who sees whom: viewsheds."""
+"""Products about who sees whom: viewsheds, and what every cell sees."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from adret.errors import InputError
-from adret.parameters import ViewshedParameters
+from adret.parameters import ViewshedParameters, VisibilityParameters
 from adret.products.result import Progress, Result, body_options, hillshade, tags_of
 
 if TYPE_CHECKING:
     from adret.terrain import Terrain
     from adret.viewsheds import Viewshed
 
-__all__ = ["viewshed"]
+__all__ = ["viewshed", "visibility"]
 
 LINE = "a straight line of sight that the terrain crosses at no grid line"
+MEASURES = {
+    "visible-count": ("1", "samples seen in all azimuths together"),
+    "visible-area": ("m2", "ground seen in plan, without the cell itself (total viewshed)"),
+    "sight-distance": ("m", "way to the farthest ground seen, mean over azimuths"),
+    "max-sight-distance": ("m", "way to the farthest ground seen"),
+    "horizon-count": ("1", "local horizons in all azimuths together"),
+    "sky-view": ("1", "sky-view factor of the sloping cell, above the horizontal"),
+    "terrain-view": ("1", "1 less the sky-view factor of the sloping cell"),
+}
 # Codes of `preview`: bright, dark, transparent.
 BRIGHT, DARK, NOTHING = 0, 2, 3
 
@@ -22,7 +31,8 @@ BRIGHT, DARK, NOTHING = 0, 2, 3
 def viewshed(
     terrain: "Terrain", parameters: ViewshedParameters, progress: Progress | None
 ) -> Result:
-    from adret.viewsheds import BITS, cells_at
+    from adret.sight import cells_at
+    from adret.viewsheds import BITS
     from adret.viewsheds import viewshed as viewshed_of
 
     observers = list(parameters.observer or ())
@@ -67,6 +77,36 @@ def viewshed(
         tags=tags,
         encoding=encoding,
         picture=lambda: _picture(found, parameters.layer),
+    )
+
+
+def visibility(
+    terrain: "Terrain", parameters: VisibilityParameters, progress: Progress | None
+) -> Result:
+    from adret.sight_sweep import Reduction
+    from adret.visibility import intervisibility
+
+    layer = intervisibility(
+        terrain,
+        parameters.directions,
+        method=parameters.method,
+        reduce=cast(Reduction, parameters.measure.replace("-", "_")),
+        observer_height=parameters.observer_height,
+        progress=progress,
+        **body_options(terrain, parameters),
+    )
+    unit, definition = MEASURES[parameters.measure]
+    return Result(
+        layers=layer,
+        names=(parameters.measure,),
+        unit=unit,
+        tags=tags_of(terrain, "visibility", definition, parameters)
+        | {
+            "ADRET_METHOD": parameters.method,
+            "ADRET_DIRECTIONS": str(parameters.directions),
+            "ADRET_OBSERVER_HEIGHT": f"{parameters.observer_height:g} m",
+        },
+        picture=lambda: {"layer": layer, "colours": "dusk"},
     )
 
 

@@ -11,13 +11,19 @@ from adret.parameters.horizons import (
     RoundParameters,
     SkyViewParameters,
 )
-from adret.parameters.lights import LightParameters, ShadowParameters
-from adret.parameters.sights import ViewshedParameters
+from adret.parameters.lights import (
+    BounceParameters,
+    LightParameters,
+    ShadowParameters,
+    SourceParameters,
+)
+from adret.parameters.sights import ViewshedParameters, VisibilityParameters
 from adret.parameters.specification import MAX_LIST, Parameters, Specification, specifications
 
 __all__ = [
     "MAX_LIST",
     "BodyParameters",
+    "BounceParameters",
     "HorizonParameters",
     "LightParameters",
     "OpennessParameters",
@@ -26,7 +32,9 @@ __all__ = [
     "RoundParameters",
     "ShadowParameters",
     "SkyViewParameters",
+    "SourceParameters",
     "Specification",
     "ViewshedParameters",
+    "VisibilityParameters",
     "specifications",
 ]

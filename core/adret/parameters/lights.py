@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from adret.errors import InputError
-from adret.parameters.horizons import RayParameters, RoundParameters
-from adret.parameters.specification import option
+from adret.parameters.horizons import BodyParameters, RayParameters, RoundParameters
+from adret.parameters.specification import Parameters, option
 
-__all__ = ["LightParameters", "ShadowParameters"]
+__all__ = ["BounceParameters", "LightParameters", "ShadowParameters", "SourceParameters"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +37,8 @@ class ShadowParameters(RayParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LightParameters(RoundParameters):
-    """Parameters of the light map; at least one of sun, sky and environment."""
+class SourceParameters(Parameters):
+    """What lights the terrain; at least one of sun, sky and environment."""
 
     sun_deg: tuple[float, ...] | None = option(
         None,
@@ -77,12 +77,6 @@ class LightParameters(RoundParameters):
         minimum=2,
         maximum=1024,
     )
-    albedo: float | None = option(
-        None,
-        "Reflectance: write the radiance that a matt surface sends back instead of the irradiance.",
-        minimum=0.0,
-        maximum=1.0,
-    )
 
     def __post_init__(self) -> None:
         """Check the sun's elevation, and that there is any light."""
@@ -91,6 +85,54 @@ class LightParameters(RoundParameters):
             _check_sun(self.sun_deg)
         if self.sun_deg is None and self.sky == "none" and self.environment is None:
             raise InputError("sky", "lit by at least one of sun, sky and environment", "none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LightParameters(SourceParameters, RoundParameters):
+    """Parameters of the light map."""
+
+    albedo: float | None = option(
+        None,
+        "Reflectance: write the radiance that a matt surface sends back instead of the irradiance.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BounceParameters(SourceParameters, BodyParameters):
+    """Parameters of the light that terrain reflects to terrain."""
+
+    albedo: float = option(0.3, "Reflectance of the terrain.", minimum=0.0, maximum=1.0)
+    bounces: int | Literal["converge"] = option(
+        1,
+        "How often light is passed on; converge: until what further bounces could add is within "
+        "the tolerance.",
+        minimum=1,
+        maximum=1000,
+    )
+    tolerance: float = option(
+        1e-3,
+        "What further bounces may add where bounces is converge, as a share of the most "
+        "indirect light that any cell has.",
+        above=0.0,
+        maximum=1.0,
+    )
+    layer: Literal["indirect", "total", "radiance"] = option(
+        "indirect",
+        "indirect: irradiance from the terrain alone; total: with sun and sky; radiance: what "
+        "matt terrain then sends back.",
+    )
+    directions: int = option(
+        32, "Number of azimuths, equally spaced from grid north.", minimum=1, maximum=7200
+    )
+    near: int | None = option(
+        None,
+        "Cells up to which every crossing of a cell's own ray with the grid counts. "
+        "Default: the library's.",
+        minimum=0,
+        maximum=4096,
+    )
 
 
 def _check_sun(sun: tuple[float, ...]) -> None:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, fields
+from types import NoneType
 from typing import Any, get_args, get_type_hints
 
 from adret.errors import InputError
@@ -53,7 +54,7 @@ class Specification:
     description : str
     unit : str or None
     choices : tuple of str
-        Empty when any text goes.
+        Texts that are allowed, empty when any goes; of an "integer", words besides numbers.
     minimum, maximum, above : float or None
         Limits, `above` exclusive; of each number for a list.
     length : int or None
@@ -105,13 +106,16 @@ def specifications(parameters: "type[Parameters]") -> tuple[Specification, ...]:
 
 
 def _kind(hint: Any) -> tuple[str, bool, tuple[str, ...]]:
-    members = [h for h in get_args(hint) if h is not type(None)]
-    optional = type(None) in get_args(hint)
+    """Type, whether None is allowed, and the words that are allowed."""
+    members = [h for h in get_args(hint) if h is not NoneType]
+    optional = NoneType in get_args(hint)
     if optional:
         hint = members[0]
     arguments = get_args(hint)
     if arguments and all(isinstance(a, str) for a in arguments):
         return "string", optional, arguments
+    if arguments and arguments[0] is int and get_args(arguments[-1]):
+        return "integer", optional, get_args(arguments[-1])  # a number, or one of some words
     if arguments:
         pairs = {tuple[int, int]: "cells", tuple[float, float]: "points"}
         return pairs.get(arguments[0], "numbers"), optional, ()
@@ -152,6 +156,8 @@ def _checked(spec: Specification, value: Any) -> Any:
         return numbers
     if spec.type in ("cells", "points"):
         return _pairs(spec, value)
+    if isinstance(value, str) and value in spec.choices:
+        return value
     return _number(spec, value)
 
 
@@ -182,10 +188,11 @@ def _number(spec: Specification, value: Any) -> float | int:
 
 
 def _limits(spec: Specification) -> str:
-    unit = f" {spec.unit}" if spec.unit else ""
+    words = f" or {' or '.join(spec.choices)}" if spec.choices else ""
+    unit = (f" {spec.unit}" if spec.unit else "") + words
     low = spec.minimum if spec.above is None else spec.above
     if low is not None and spec.maximum is not None:
         return f" between {low:g} and {spec.maximum:g}{unit}"
     if low is not None:
         return f" {'of at least' if spec.above is None else 'above'} {low:g}{unit}"
-    return f" of at most {spec.maximum:g}{unit}" if spec.maximum is not None else ""
+    return f" of at most {spec.maximum:g}{unit}" if spec.maximum is not None else words

@@ -294,11 +294,12 @@ class SightGrid:
         return (0.5 * (self._width + self._width[row])) ** 2, way**2
 
     def octants(
-        self, place: Cell
+        self, place: Cell, azimuths: tuple[float, float] | None = None
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
         """Octants round an observer, their fall by curvature, and the tasks for threads.
 
-        See `see_from` for what the columns hold.
+        See `see_from` for what the columns hold. Wedges outside `azimuths`, a first one and a
+        width, get no task.
         """
         rows, columns = self.terrain.shape
         row, column = place
@@ -329,14 +330,17 @@ class SightGrid:
                 low = [bend * (1.0 - 1e-12) * float(s.min()) ** 2 for s in (size, aside)]
                 high = [bend * (1.0 + 1e-12) * float(s.max()) ** 2 for s in (size, aside)]
                 drops.append([*low, *high])
-                last = reach + diagonal
-                tasks += [
-                    [len(octants) - 1, k, min(k + BLOCK, last)] for k in range(0, last, BLOCK)
-                ]
+                first = np.arange(0, reach + diagonal, BLOCK)
+                last = np.minimum(first + BLOCK, reach + diagonal)
+                if azimuths is not None:
+                    stretch = aside.min() / size.max(), aside.max() / size.min()
+                    looked_at = _within(x, y, first / reach, last / reach, stretch, azimuths)
+                    first, last = first[looked_at], last[looked_at]
+                tasks.append(np.stack([np.full_like(first, len(octants) - 1), first, last], axis=1))
         return (
             np.array(octants, dtype=np.int64).reshape(-1, 9),
             np.array(drops, dtype=np.float64).reshape(-1, 4),
-            np.array(tasks, dtype=np.int64).reshape(-1, 3),
+            np.concatenate([np.empty((0, 3), np.int64), *tasks]),
         )
 
     def window(self, place: Cell) -> tuple[slice, slice]:
@@ -349,3 +353,26 @@ class SightGrid:
             reach = int(min(length, self.options.range / float(sizes.min()) + 1.0))
             slices.append(slice(max(at - reach, 0), min(at + reach + 1, length)))
         return slices[0], slices[1]
+
+
+def _within(
+    x: Cell,
+    y: Cell,
+    low: NDArray[np.float64],
+    top: NDArray[np.float64],
+    stretch: tuple[float, float],
+    azimuths: tuple[float, float],
+) -> NDArray[np.bool_]:
+    """Whether rays between low and top steps along y for one along x may lie in a range.
+
+    `stretch` is the length of a step along y over one along x, least and most.
+    """
+    first, width = azimuths
+    axis, beside = (math.atan2(step[1], -step[0]) for step in (x, y))
+    clockwise = math.sin(beside - axis) > 0.0
+    near, far = np.arctan(low * stretch[0]), np.arctan(top * stretch[1])
+    start = (axis + near if clockwise else axis - far) - ROUNDING
+    spread = far - near + 2.0 * ROUNDING
+    return np.asarray(
+        ((start - first) % math.tau <= width) | ((first - start) % math.tau <= spread)
+    )

@@ -263,7 +263,7 @@ class _Run:
         above[...] = np.nan
         eye = float(grid.terrain.heights[place]) + options.observer_height
         widths, norths = grid.squares(place[0])
-        octants, drops, tasks = grid.octants(place)
+        octants, drops, tasks = grid.octants(place, self.azimuths)
         kernels.see_from(
             grid.heights,
             grid.index(place),

@@ -373,6 +373,43 @@ def test_only_targets_within_distance_azimuth_and_pitch_are_seen(rng: np.random.
     assert got.visible.sum() < everything.visible.sum()
 
 
+@pytest.mark.parametrize("size", [(1.0, 1.0), (3.0, 1.3), (0.5, 2.0)])
+@pytest.mark.parametrize("width", [0.01, 0.8, 5.0])
+def test_sectors_are_cut_out_of_the_whole_view(
+    width: float, size: tuple[float, float], rng: np.random.Generator
+) -> None:
+    terrain = terrain_of(rough(rng, 90, 120), size)
+    row, column = 50, 33
+    rows, columns = np.mgrid[0:90, 0:120]
+    azimuth = np.arctan2((columns - column) * size[0], (row - rows) * size[1])
+    whole = viewshed(terrain, (row, column))
+    for first in np.arange(0.05, math.tau, 0.37):
+        part = viewshed(terrain, (row, column), azimuth_range=(first, first + width))
+        inside = (azimuth - first) % math.tau <= width
+        inside[row, column] = True
+        np.testing.assert_array_equal(part.visible, whole.visible & inside)
+        np.testing.assert_array_equal(
+            part.minimum_height, np.where(inside, whole.minimum_height, np.nan)
+        )
+
+
+def test_sectors_of_a_geographic_raster_make_up_the_circle(rng: np.random.Generator) -> None:
+    terrain = Terrain(
+        rough(rng, 90, 120),
+        crs="EPSG:4326",
+        transform=Affine(0.02, 0.0, 10.0, 0.0, -0.03, 61.0),
+        datum=0.0,
+    )
+    options: dict[str, Any] = {"observer_height": 2.0, "radius": terrain.body_radius}
+    whole = viewshed(terrain, (50, 33), **options)
+    least = np.full(terrain.shape, np.nan, np.float32)
+    edges = np.linspace(0.0, math.tau, 30)
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        part = viewshed(terrain, (50, 33), azimuth_range=(first, last), **options)
+        least = np.fmin(least, part.minimum_height)
+    np.testing.assert_array_equal(least, whole.minimum_height)
+
+
 def test_many_observers_are_the_sum_of_each(rng: np.random.Generator) -> None:
     terrain = terrain_of(rough(rng, 20, 25))
     places = [(3, 4), (18, 20), (10, 0), (3, 4)]

@@ -2,7 +2,7 @@
 
 import json
 import math
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -404,7 +404,7 @@ def test_sectors_of_a_geographic_raster_make_up_the_circle(rng: np.random.Genera
     whole = viewshed(terrain, (50, 33), **options)
     least = np.full(terrain.shape, np.nan, np.float32)
     edges = np.linspace(0.0, math.tau, 30)
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         part = viewshed(terrain, (50, 33), azimuth_range=(first, last), **options)
         least = np.fmin(least, part.minimum_height)
     np.testing.assert_array_equal(least, whole.minimum_height)

@@ -36,18 +36,22 @@ def azimuth_set(directions: int = 64, azimuths: ArrayLike | None = None) -> NDAr
     array([0.        , 1.57079633, 3.14159265, 4.71238898])
     """
     if azimuths is None:
-        if isinstance(directions, bool) or int(directions) != directions:
-            raise InputError("directions", f"a whole number from 1 to {MAX_DIRECTIONS}", directions)
+        limit = f"a whole number from 1 to {MAX_DIRECTIONS}"
+        if isinstance(directions, bool) or not isinstance(directions, int | np.integer):
+            raise InputError("directions", limit, directions)
         if not 1 <= directions <= MAX_DIRECTIONS:
-            raise InputError("directions", f"between 1 and {MAX_DIRECTIONS}", directions)
-        return np.arange(directions, dtype=np.float64) * (2.0 * np.pi / directions)
-    given = np.atleast_1d(np.asarray(azimuths, dtype=np.float64))
+            raise InputError("directions", limit, int(directions))
+        return np.arange(directions, dtype=np.float64) * (2.0 * np.pi / int(directions))
+    try:
+        given = np.atleast_1d(np.asarray(azimuths, dtype=np.float64))
+    except (TypeError, ValueError):
+        raise InputError("azimuths", "a list of real numbers", azimuths) from None
     if given.ndim != 1 or not 1 <= given.size <= MAX_DIRECTIONS:
         raise InputError(
             "azimuths", f"a list of 1 to {MAX_DIRECTIONS} numbers", f"shape {given.shape}"
         )
     if not np.isfinite(given).all():
-        raise InputError("azimuths", "finite numbers", given[~np.isfinite(given)][0])
+        raise InputError("azimuths", "finite numbers", float(given[~np.isfinite(given)][0]))
     folded = np.mod(given, 2.0 * np.pi)
     folded[folded >= 2.0 * np.pi] = 0.0
     return folded

@@ -33,14 +33,10 @@ NEAR_DEFAULT = 32
 NEAR_MAX = 4096
 
 
-def _number(field: str, value: Any, low: float, high: float, limit: str) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(field, limit, value) from None
-    if not low <= number <= high:
+def _number(field: str, value: Any, low: float, high: float, limit: str) -> None:
+    real = isinstance(value, int | float | np.integer | np.floating)
+    if not real or isinstance(value, bool) or not low <= value <= high:
         raise InputError(field, limit, value)
-    return number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,12 +60,15 @@ class HorizonOptions:
         """Refuse what no kernel can serve."""
         if self.method not in get_args(Method):
             raise InputError("method", f"one of {', '.join(get_args(Method))}", self.method)
-        near = _number("near", self.near, 0, NEAR_MAX, f"a whole number from 0 to {NEAR_MAX}")
-        if near != int(near) or isinstance(self.near, bool):
-            raise InputError("near", f"a whole number from 0 to {NEAR_MAX}", self.near)
+        limit = f"a whole number from 0 to {NEAR_MAX}"
+        _number("near", self.near, 0, NEAR_MAX, limit)
+        if self.near != int(self.near):
+            raise InputError("near", limit, self.near)
+        object.__setattr__(self, "near", int(self.near))
         if self.max_distance is not None:
             limit = "a distance above 0 m"
-            if _number("max_distance", self.max_distance, 0.0, math.inf, limit) == 0.0:
+            _number("max_distance", self.max_distance, 0.0, math.inf, limit)
+            if self.max_distance == 0.0:
                 raise InputError("max_distance", limit, self.max_distance)
             if self.method == "hull":
                 raise InputError("max_distance", "None with method 'hull'", self.max_distance)
@@ -158,8 +157,9 @@ def horizon_map(
         step along the cell's own ray, O(N) a cell. "exact": every crossing in float64, O(N) a
         cell: the truth that the others are measured by.
     near : int
-        Radius of the exact near field [cells along the larger axis component]; more is slower and
-        more accurate. Used by "sweep" alone.
+        Radius of the exact near field [cells along the larger axis component], 0 to 4096; more is
+        slower and more accurate. Used by "sweep" alone, which leaves ranges of up to three near
+        radii to the near field altogether.
     max_distance : float, optional
         Terrain further away than this [m] is not seen. "sweep" resolves it to a few cells, and its
         result then depends on nothing further away; not for "hull".
@@ -203,6 +203,8 @@ def horizon_map(
     >>> np.degrees(east.elevation[0, 0]).round(2)
     array([ 14.04,  18.43,  26.57,  45.  , -90.  ], dtype=float32)
     """
+    if not isinstance(terrain, Terrain):
+        raise InputError("terrain", "a Terrain", type(terrain).__name__)
     options = HorizonOptions(
         method=method,
         near=near,

@@ -2,9 +2,9 @@
 
 from typing import TypedDict
 
-from adret.horizon import HorizonOptions, Method
+from adret.horizon import Method
 
-__all__ = ["HorizonKeywords", "HorizonOptions"]
+__all__ = ["HorizonKeywords"]
 
 
 class HorizonKeywords(TypedDict, total=False):

@@ -27,8 +27,6 @@ __all__ = [
 
 MAX_AZIMUTH_ERROR = math.radians(0.5)
 """Latitude bands keep the azimuth error of a geographic raster below this."""
-NEAR_ALONE = 3
-"""Near radii within which a limited range is left to the near field altogether."""
 HULL_BUFFER = 400_000_000
 """Largest buffer of the published hull [samples]; elongated cells need one far above the raster."""
 
@@ -56,9 +54,10 @@ class _Framed:
         self.terrain = terrain
         self.options = options
         self._frames: dict[Orientation, SweepFrame] = {}
-        self._smallest_cell = smallest_cell(terrain)
+        cells = options.range / smallest_cell(terrain)
+        self._reach = math.ceil(cells) if cells < math.inf else 0
 
-    def frame(self, orientation: Orientation, near: int, reach: int = 0) -> SweepFrame:
+    def frame(self, orientation: Orientation, near: int, reach: int) -> SweepFrame:
         if orientation not in self._frames:
             if len(self._frames) > 1:
                 del self._frames[next(iter(self._frames))]
@@ -76,11 +75,7 @@ class Sweep(_Framed):
     ) -> None:
         """Write rows of the layer; see `SweepFrame.horizon`."""
         o = self.options
-        # Where the range is a few near fields, the near field alone is quicker, and exact.
-        limit = o.range / self._smallest_cell
-        reach = math.ceil(limit) if limit < max(self.terrain.shape) else 0
-        near = reach if 0 < reach <= NEAR_ALONE * o.near else o.near
-        self.frame(direction.orientation, near, reach).horizon(
+        self.frame(direction.orientation, o.near, self._reach).horizon(
             direction,
             slope,
             distance,
@@ -99,7 +94,7 @@ class March(_Framed):
     ) -> None:
         """Write rows of the layer; see `SweepFrame.march`."""
         o = self.options
-        self.frame(direction.orientation, 0).march(
+        self.frame(direction.orientation, 0, 0).march(
             direction,
             slope,
             rows=rows,

@@ -32,8 +32,8 @@ def sky_view_factor(
     x: HorizonMap | Terrain,
     kind: Kind = "visible",
     directions: int = 64,
-    *,
     clip: bool = True,
+    *,
     progress: Progress | None = None,
     **horizon: Unpack[HorizonKeywords],
 ) -> NDArray[np.float32]:

@@ -21,6 +21,8 @@ from adret._kernels.raster_edge import raise_by_edge
 
 __all__ = ["POOL", "Direction", "Layer", "Orientation", "SweepFrame"]
 
+NEAR_ALONE = 3  # near radii within which a limited range is left to the near field: exact, quicker
+PAD = 4  # cells of NaN that a frame needs at least
 POOL = 4  # samples of a line that enter the far field's hull as one
 SNAP = 1e-9  # cells: a crossing this near to a vertex is the vertex
 Layer = NDArray[np.float32]
@@ -120,18 +122,27 @@ def _crossings(shear: float, first: int, last: int) -> list[_Crossing]:
 
 
 def _stencil(
-    direction: Direction, near: int, max_distance: float, bend: float, observer: float
+    direction: Direction,
+    near: int,
+    max_distance: float,
+    bend: float,
+    observer: float,
+    shape: tuple[int, int],
 ) -> _Stencil:
-    """Crossings of the near field, and those just inside a limited range.
+    """Crossings of the near field, and those just inside a limited range, that fit the raster.
 
     The far field resolves the range to a pool; where the ground rises, the horizon is there.
     """
     reach = max_distance / direction.step
-    crossings = _crossings(direction.shear, 1, near)
+    crossings = _crossings(direction.shear, 1, min(near, max(shape)))
     if near < reach < math.inf:
         last = math.floor(reach) + 1
         crossings += _crossings(direction.shear, max(near + 1, last - POOL - 1), last)
-    crossings = [c for c in crossings if c[6] * direction.step <= max_distance]
+    crossings = [
+        c
+        for c in crossings
+        if c[6] * direction.step <= max_distance and -c[3] <= shape[0] and -c[4] <= shape[1]
+    ]
     crossings.sort(key=lambda c: c[6])
     if crossings:
         crossings += [crossings[-1]] * (-len(crossings) % 4)
@@ -176,11 +187,13 @@ class SweepFrame:
         shape = heights.shape[::-1] if orientation.swap else heights.shape
         self.shape: tuple[int, int] = (shape[0], shape[1])
         self.orientation = orientation
-        self.near = min(near, max(shape))
+        self.near = near
         self._heights = heights
-        self._pad = max(self.near, reach) + 4
-        self._z = np.full((shape[0] + self._pad, shape[1] + self._pad + RIGHT), np.nan, np.float32)
-        copy_oriented(heights, self._z[self._pad :, self._pad : -RIGHT], *self._turn())
+        # No shift inside the raster is longer than the raster.
+        rows, columns = (min(max(near, reach), length) + PAD for length in shape)
+        self._pad = (rows, columns)
+        self._z = np.full((shape[0] + rows, shape[1] + columns + RIGHT), np.nan, np.float32)
+        copy_oriented(heights, self._z[rows:, columns:-RIGHT], *self._turn())
         first = origin[1] if orientation.swap else origin[0]
         self._anchor = 1 - shape[0] - first if orientation.flip_rows else first
         self._best: Layer = np.empty(shape, np.float32)
@@ -236,8 +249,16 @@ class SweepFrame:
         reach = max_distance / direction.step
         # A range that covers the raster is no limit.
         limited = reach < max(self.shape)
+        near = self.near
+        if limited and reach <= NEAR_ALONE * near:
+            near = math.ceil(reach)
         stencil = _stencil(
-            direction, self.near, max_distance if limited else math.inf, bend, observer_height
+            direction,
+            near,
+            max_distance if limited else math.inf,
+            bend,
+            observer_height,
+            self.shape,
         )
         frame_rows, frame_columns = self._span(rows)
         shared = (self._z, self._pad, stencil.offsets, stencil.p, stencil.q, stencil.v, stencil.k)
@@ -249,7 +270,7 @@ class SweepFrame:
                 self._distance = np.empty(self.shape, np.float32)
             far = self._distance
             near_field_distance(*shared, stencil.reach, frame_rows, frame_columns, self._best, far)
-        if min(reach, max(self.shape)) > self.near:
+        if min(reach, max(self.shape)) > near:
             self._far(
                 direction,
                 reach,
@@ -327,7 +348,8 @@ class SweepFrame:
             hull_sweep_within(*shared, block, rows, columns, self._best, distance)
         else:
             hull_sweep(*shared, rows, columns, self._best, distance)
-        edge = np.append(self._z[self._pad :, self._pad], np.float32(np.nan))
+        rows_above, columns_left = self._pad
+        edge = np.append(self._z[rows_above:, columns_left], np.float32(np.nan))
         raise_by_edge(
             self._z,
             self._pad,

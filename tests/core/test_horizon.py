@@ -383,3 +383,64 @@ def test_bad_options_are_named(field: str, options: dict[str, object]) -> None:
         adret.horizon_map(terrain, **options)  # type: ignore[arg-type]
     assert caught.value.field == field
     assert str(caught.value).startswith(f"{field}: must be ")
+
+
+@pytest.mark.parametrize("cell", [(1.0, 1.0), (2.0, 1.0)], ids=["square", "rectangular"])
+@pytest.mark.parametrize("share", [0.9, 1.0, 1.2, 1.41, 2.0, 2.9])
+def test_a_range_about_as_long_as_the_raster(
+    cell: tuple[float, float], share: float, rng: np.random.Generator
+) -> None:
+    """A step is up to 1.4 cells: a range may be shorter than the raster in steps alone."""
+    terrain = adret.Terrain(scenes.fractal(rng, (70, 70), relief=20.0), cell)
+    azimuths = np.radians([20.0, 40.0, 45.0, 50.0, 80.0, 90.0, 135.0, 225.0, 270.0, 315.0])
+    options = {"azimuths": azimuths, "max_distance": 70.0 * share}
+    exact = adret.horizon_map(terrain, method="exact", **options).elevation
+    for near in (4, 32):
+        swept = adret.horizon_map(terrain, near=near, **options).elevation
+        bound = np.radians(0.6 if near == 4 else 0.02)
+        assert np.abs(swept - exact).mean() < bound
+
+
+@pytest.mark.parametrize("near", [2, 4, 8])
+def test_windows_of_a_banded_raster_are_the_whole(near: int, rng: np.random.Generator) -> None:
+    from affine import Affine
+
+    z = scenes.fractal(rng, (120, 60), relief=4000.0)
+    terrain = adret.Terrain(z, None, "EPSG:4326", Affine(0.2, 0.0, 0.0, 0.0, -0.2, 84.0))
+    assert len(terrain.latitude_bands(np.radians(0.5))) > 3
+    azimuths = np.radians([10.0, 44.0, 46.0, 80.0, 135.0, 200.0, 261.0, 300.0])
+    for reach in (30_000.0, 60_000.0, 120_000.0):
+        options = adret.HorizonOptions(near=near, max_distance=reach)
+        halo = options.halo(terrain)
+        whole = adret.horizon_map(terrain, azimuths=azimuths, near=near, max_distance=reach)
+        for top in (0, 40, 100):
+            part = terrain.window((top, top + 20), (20, 40), halo=halo)
+            tile = adret.horizon_map(part, azimuths=azimuths, near=near, max_distance=reach)
+            cut = tile.elevation[(slice(None), *part.core)]
+            assert cut.tobytes() == whole.elevation[:, top : top + 20, 20:40].tobytes()
+
+
+def test_a_narrow_strip_needs_no_square_of_memory() -> None:
+    terrain = adret.Terrain(np.zeros((2, 20_000), np.float32), (1.0, 1.0))
+    found = adret.horizon_map(terrain, azimuths=[np.pi / 2], max_distance=15_000.0)
+    assert found.elevation[0, 0, 0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("field", "options"),
+    [
+        ("directions", {"directions": "abc"}),
+        ("directions", {"directions": 3.5}),
+        ("directions", {"directions": float("nan")}),
+        ("azimuths", {"azimuths": ["x"]}),
+        ("azimuths", {"azimuths": [1j]}),
+        ("near", {"near": "4"}),
+        ("near", {"near": 4.5}),
+        ("radius", {"radius": "6371000"}),
+        ("max_distance", {"max_distance": float("nan")}),
+    ],
+)
+def test_odd_options_are_refused_by_name(field: str, options: dict[str, object]) -> None:
+    terrain = adret.Terrain(np.zeros((3, 3)), (1.0, 1.0))
+    with pytest.raises(adret.InputError, match=field):
+        adret.horizon_map(terrain, **options)

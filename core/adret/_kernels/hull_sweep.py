@@ -90,17 +90,17 @@ def pool_samples(z, pad, t, anchor, first, columns, start, stop, f, steps, heigh
     s1 = 1 if f[1] > 0.0 else 0
     s2 = 1 if f[2] > 0.0 else 0
     s3 = 1 if f[3] > 0.0 else 0
-    lo_z = first + pad + lo
-    hi_z = first + pad + hi
+    lo_z = first + pad[1] + lo
+    hi_z = first + pad[1] + hi
     _highest_of_four(
-        z[r0 + pad, lo_z + x0 : hi_z + x0],
-        z[r0 + pad, lo_z + x0 + s0 : hi_z + x0 + s0],
-        z[r1 + pad, lo_z + x1 : hi_z + x1],
-        z[r1 + pad, lo_z + x1 + s1 : hi_z + x1 + s1],
-        z[r2 + pad, lo_z + x2 : hi_z + x2],
-        z[r2 + pad, lo_z + x2 + s2 : hi_z + x2 + s2],
-        z[r3 + pad, lo_z + x3 : hi_z + x3],
-        z[r3 + pad, lo_z + x3 + s3 : hi_z + x3 + s3],
+        z[r0 + pad[0], lo_z + x0 : hi_z + x0],
+        z[r0 + pad[0], lo_z + x0 + s0 : hi_z + x0 + s0],
+        z[r1 + pad[0], lo_z + x1 : hi_z + x1],
+        z[r1 + pad[0], lo_z + x1 + s1 : hi_z + x1 + s1],
+        z[r2 + pad[0], lo_z + x2 : hi_z + x2],
+        z[r2 + pad[0], lo_z + x2 + s2 : hi_z + x2 + s2],
+        z[r3 + pad[0], lo_z + x3 : hi_z + x3],
+        z[r3 + pad[0], lo_z + x3 + s3 : hi_z + x3 + s3],
         f,
         steps,
         height[lo:hi],
@@ -176,7 +176,7 @@ def gather_rows(
             continue
         # With f = 0 the left-hand line must not matter.
         shift = 1 if f > 0.0 else 0
-        x = column + pad
+        x = column + pad[1]
         c = column + lo
         if distance.shape[0] == 0:
             _gather(
@@ -184,7 +184,7 @@ def gather_rows(
                 vertex_s[lo - shift : hi - shift],
                 vertex_z[lo:hi],
                 vertex_s[lo:hi],
-                z[i + pad, x + lo : x + hi],
+                z[i + pad[0], x + lo : x + hi],
                 best[i, c : column + hi],
                 f,
                 np.float32(i),
@@ -197,7 +197,7 @@ def gather_rows(
                 vertex_s[lo - shift : hi - shift],
                 vertex_z[lo:hi],
                 vertex_s[lo:hi],
-                z[i + pad, x + lo : x + hi],
+                z[i + pad[0], x + lo : x + hi],
                 best[i, c : column + hi],
                 distance[i, c : column + hi],
                 f,
@@ -262,15 +262,15 @@ def _query_and_insert(
 @inline
 def strip_count(t, anchor, rows, columns):
     """Strips whose lines pass a receiver; line L is at column L + floor(t·I) at global step I."""
-    lowest = columns[0] - math.floor(t * (rows[1] - 1 + anchor))
-    highest = columns[1] - 1 - math.floor(t * (rows[0] + anchor))
+    lowest = columns[0] - _cut(t, rows[1] - 1 + anchor)[0]
+    highest = columns[1] - 1 - _cut(t, rows[0] + anchor)[0]
     return (highest - lowest + STRIP) // STRIP
 
 
 @inline
 def first_line(t, anchor, strip, rows, columns):
     """The strip's first line; it is also the last of the strip before."""
-    return columns[0] - math.floor(t * (rows[1] - 1 + anchor)) + strip * STRIP - 1
+    return columns[0] - _cut(t, rows[1] - 1 + anchor)[0] + strip * STRIP - 1
 
 
 @parallel_kernel
@@ -279,7 +279,7 @@ def hull_sweep(z, pad, width, t, anchor, pool, near, bend, limits, rows, columns
 
     Parameters
     ----------
-    z : (pad + n, pad + m + RIGHT) float32
+    z : (pad[0] + n, pad[1] + m + RIGHT) float32
         Heights in the sweep frame, padded with NaN; pad at least 4.
     width : int
         Columns m of the raster.

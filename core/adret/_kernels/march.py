@@ -42,7 +42,7 @@ def march(z, pad, width, shear, step, count, bend, observer, rows, columns, best
         cells = np.empty(4, np.int64)
         out = best[i, columns[0] : columns[1]]
         out[:] = -np.inf
-        receiver = z[i + pad, pad : pad + width]
+        receiver = z[i + pad[0], pad[1] : pad[1] + width]
         steps = min(i, count)
         for j0 in range(1, steps + 1, 4):
             for u in range(4):
@@ -56,17 +56,17 @@ def march(z, pad, width, shear, step, count, bend, observer, rows, columns, best
                 k[u] = -observer / way - bend * way
             lo = min(columns[1], max(columns[0], cells[3] + 1))
             for u in range(4):
-                line = z[i + pad - min(j0 + u, steps), pad : pad + width]
+                line = z[i + pad[0] - min(j0 + u, steps), pad[1] : pad[1] + width]
                 for c in range(max(columns[0], cells[u]), lo):
                     slope = _one_step(line, c, cells[u], p[u], q[u], v[u], k[u], receiver[c])
                     if slope > out[c - columns[0]]:
                         out[c - columns[0]] = slope
             if lo >= columns[1]:
                 continue
-            r = i + pad
+            r = i + pad[0]
             # With weight 0 the left-hand cell must not matter, even where it is NaN.
-            s = pad + lo - cells
-            e = pad + columns[1] - cells
+            s = pad[1] + lo - cells
+            e = pad[1] + columns[1] - cells
             t = s - (q > 0.0)
             w = e - (q > 0.0)
             four_crossings(

@@ -34,8 +34,11 @@ def near_field(z, pad, offsets, p, q, v, k, rows, columns, best):
 
     Parameters
     ----------
-    z : (pad + n, pad + m + 1) float32
-        Heights in the sweep frame, padded with NaN.
+    z : (pad[0] + n, pad[1] + m + RIGHT) float32
+        Heights in the sweep frame, padded with NaN on the sides that rays run to; no shift is
+        longer than the padding.
+    pad : (int, int)
+        Rows and columns of padding.
     offsets : (S, 4) int64
         Row and column shifts of the two cells between which a crossing lies; S a multiple of 4.
     p, q, v, k : (S,) float32
@@ -46,13 +49,13 @@ def near_field(z, pad, offsets, p, q, v, k, rows, columns, best):
         Output; -inf where no crossing exists.
     """
     for i in prange(rows[0], rows[1]):
-        r = i + pad
+        r = i + pad[0]
         for start in range(columns[0], columns[1], BLOCK):
             stop = min(columns[1], start + BLOCK)
             out = best[i, start:stop]
             out[:] = -np.inf
-            lo = start + pad
-            hi = stop + pad
+            lo = start + pad[1]
+            hi = stop + pad[1]
             for s in range(0, len(v), 4):
                 o = offsets[s : s + 4]
                 four_crossings(
@@ -80,9 +83,9 @@ def near_field_distance(z, pad, offsets, p, q, v, k, reach, rows, columns, best,
     NaN where no crossing exists. Of two crossings of equal slope the nearer one counts.
     """
     for i in prange(rows[0], rows[1]):
-        r = i + pad
+        r = i + pad[0]
         for c in range(columns[0], columns[1]):
-            x = c + pad
+            x = c + pad[1]
             top = np.float32(-np.inf)
             way = np.float32(np.nan)
             for s in range(len(v)):

@@ -62,7 +62,7 @@ def raise_by_edge(z, pad, t, near, edge, limits, rows, columns, best, distance):
     _, per_step, _, _, reach = limits
     for i in prange(rows[0], rows[1]):
         slope = np.full(columns[1] - columns[0], NOTHING)
-        receiver = z[i + pad, pad + columns[0] : pad + columns[1]]
+        receiver = z[i + pad[0], pad[1] + columns[0] : pad[1] + columns[1]]
         position = t * i
         base = math.floor(position + SNAP)
         weight = position - base
@@ -71,12 +71,12 @@ def raise_by_edge(z, pad, t, near, edge, limits, rows, columns, best, distance):
         # Columns from `first` on leave through row 0, those before it through column 0.
         first = max(columns[0], min(columns[1], base + shift))
         if near < i <= reach and first < columns[1]:
-            lo = pad + first - base
-            hi = pad + columns[1] - base
+            lo = pad[1] + first - base
+            hi = pad[1] + columns[1] - base
             skip = first - columns[0]
             _through_row(
-                z[pad, lo - shift : hi - shift],
-                z[pad, lo:hi],
+                z[pad[0], lo - shift : hi - shift],
+                z[pad[0], lo:hi],
                 receiver[skip:],
                 slope[skip:],
                 weight,

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from adret.azimuths import azimuth_set
     from adret.bounces import indirect_light, render
     from adret.errors import AdretError, Cancelled, InputError, RasterError
-    from adret.horizon import HorizonMap, horizon_at, horizon_map
+    from adret.horizon import HorizonMap, HorizonOptions, horizon_at, horizon_map
     from adret.light import Light, direct_light
     from adret.normals import surface_normals
     from adret.report import RunReport, last_run_report
@@ -29,6 +29,7 @@ _HOME = {
     "Cancelled": "errors",
     "Environment": "skies",
     "HorizonMap": "horizon",
+    "HorizonOptions": "horizon",
     "InputError": "errors",
     "Intervisibility": "visibility",
     "Light": "light",
@@ -64,6 +65,7 @@ __all__ = [
     "Cancelled",
     "Environment",
     "HorizonMap",
+    "HorizonOptions",
     "InputError",
     "Intervisibility",
     "Light",

@@ -18,7 +18,7 @@ from adret.report import RunReport
 from adret.slices import LightSlice, Receivers, Sky
 from adret.terrain import Terrain
 
-__all__ = ["Light", "direct_light"]
+__all__ = ["Light", "direct_light", "reflectance"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,11 +32,18 @@ class Light:
     terrain : Terrain
     report : RunReport
         What was swept, and what could be skipped.
+    bounces : int
+        Number of bounces that the irradiance holds; 0 for direct light.
+    residual : float
+        Upper bound of what all further bounces could add to any cell, as a share of the largest
+        irradiance here; 0 for direct light.
     """
 
     irradiance: NDArray[np.float32]
     terrain: Terrain
     report: RunReport
+    bounces: int = 0
+    residual: float = 0.0
 
     def radiance(self, albedo: ArrayLike = 1.0) -> NDArray[np.float32]:
         """Radiance that Lambertian ground sends back, albedo·irradiance/π.
@@ -66,24 +73,30 @@ class Light:
         1.0
         """
         shape = self.terrain.shape
-        try:
-            share = np.asarray(albedo, dtype=np.float32)
-        except (TypeError, ValueError):
-            raise InputError("albedo", "numbers between 0 and 1", albedo) from None
-        if share.shape not in ((), (3,), shape, (*shape, 3)):
-            limit = f"one number, three, or of shape {shape} or {(*shape, 3)}"
-            raise InputError("albedo", limit, f"shape {share.shape}")
-        wrong = (share < 0.0) | (share > 1.0)
-        if share.shape != shape:
-            wrong |= np.isnan(share)  # nodata is a matter of cells
-        if wrong.any():
-            raise InputError("albedo", "between 0 and 1", float(share[wrong][0]))
+        share = reflectance(albedo, shape)
         irradiance = self.irradiance
         if share.shape == shape and irradiance.ndim == 3:
             share = share[:, :, None]
         elif share.ndim in (1, 3) and irradiance.ndim == 2:
             irradiance = irradiance[:, :, None]
         return np.asarray(share * irradiance * np.float32(1.0 / np.pi), dtype=np.float32)
+
+
+def reflectance(albedo: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Albedo as checked numbers of shape (), (3,), `shape` or (*shape, 3); cells may be NaN."""
+    try:
+        share = np.asarray(albedo, dtype=np.float32)
+    except (TypeError, ValueError):
+        raise InputError("albedo", "numbers between 0 and 1", albedo) from None
+    if share.shape not in ((), (3,), shape, (*shape, 3)):
+        limit = f"one number, three, or of shape {shape} or {(*shape, 3)}"
+        raise InputError("albedo", limit, f"shape {share.shape}")
+    wrong = (share < 0.0) | (share > 1.0)
+    if share.shape not in (shape, (*shape, 3)):
+        wrong |= np.isnan(share)  # nodata is a matter of cells
+    if wrong.any():
+        raise InputError("albedo", "between 0 and 1", float(share[wrong][0]))
+    return share
 
 
 def direct_light(

@@ -348,7 +348,7 @@ class _Rest:
         self._keeps = min(float((self._share * known).max()), 1.0)
         self._unseen += max(self._left_out, np.pi * widest * self._unsent)
         self._unsent = max(
-            self._keeps * self._unsent, float(self._share.max()) * self._left_out * PER_PI
+            self._keeps * self._unsent, float(self._share.max()) * self._left_out * float(PER_PI)
         )
         to_come = np.pi * widest * (float(sent.max()) + self._unsent)
         largest = float(total.max())

@@ -4,7 +4,16 @@ from functools import cache
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le, Len
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+    create_model,
+)
 
 import adret
 from adret.errors import InputError
@@ -126,6 +135,11 @@ def _annotation(spec: Specification) -> Any:
     ]
     kind: Any
     match spec.type:
+        case "integer" if spec.choices:
+            # A union's errors would name the branches; the library's own check names the field.
+            words: Any = Literal.__getitem__(spec.choices)
+            schema = TypeAdapter(Annotated[int, *bounds] | words).json_schema()
+            kind = Annotated[Any, WithJsonSchema(schema)]
         case "integer":
             kind = Annotated[int, Strict(), *bounds]
         case "number":

@@ -23,7 +23,7 @@ import adret
 from adret import cli
 from raster_files import save
 
-COMMANDS = ("info", "horizon", "sky", "openness", "shadow", "light", "viewshed")
+COMMANDS = cli.COMMANDS
 Run = Callable[..., "SimpleNamespace"]
 
 
@@ -71,7 +71,9 @@ def test_every_product_writes_a_raster_and_a_picture(run: Run, dem: Path, tmp_pa
         ("openness", ["--sign", "-1", "--directions", "8"]),
         ("shadow", ["--sun", "135,20"]),
         ("light", ["--sun", "315,35", "--sky", "overcast", "--directions", "8"]),
+        ("bounce", ["--sun", "315,35", "--bounces", "converge", "--directions", "8"]),
         ("viewshed", ["--observer", "15,18", "--observer", "3,4", "--curvature"]),
+        ("visibility", ["--measure", "sight-distance", "--directions", "8"]),
     ]:
         out, picture = tmp_path / f"{command}.tif", tmp_path / f"{command}.png"
         done = run(command, dem, out, "--preview", picture, *options)
@@ -196,6 +198,10 @@ def test_wrong_input_ends_with_one_line_and_no_file(run: Run, dem: Path, tmp_pat
         (["viewshed", dem, out, "--observer", "3.5,1"], "observer: must be a whole number of at"),
         (["viewshed", dem, out, "--observer", "30,1"], "observers: must be a cell between (0, 0)"),
         (["viewshed", dem, out, "--at", "0,0"], "coordinates: must be inside the raster, got (0"),
+        (["bounce", dem, out], "sky: must be lit by at least one of sun, sky and environment"),
+        (["bounce", dem, out, "--sky", "uniform", "--bounces", "0"], "bounces: must be a whole"),
+        (["bounce", dem, out, "--sky", "uniform", "--bounces", "all"], "or converge, got 'all'"),
+        (["visibility", dem, out, "--measure", "all"], "measure: must be one of visible-count,"),
         (["info", tmp_path / "no.tif"], "path: must be an existing file"),
         (["frobnicate"], "No such command 'frobnicate'."),
     ]

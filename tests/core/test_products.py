@@ -165,6 +165,81 @@ def test_viewshed_files_are_the_viewshed(terrain: Terrain, tmp_path: Path) -> No
             assert facts["names"] == tuple(f"row {r} column {c}" for r, c in observers)
 
 
+@pytest.mark.parametrize("layer", ["indirect", "total", "radiance"])
+def test_bounce_files_are_the_indirect_light(layer: str, terrain: Terrain, tmp_path: Path) -> None:
+    options: dict[str, Any] = {"directions": 8, "near": 12, "radius": 6.4e6}
+    values, facts = written(
+        "bounce",
+        terrain,
+        tmp_path / "a.tif",
+        sun_deg=(135.0, 25.0),
+        sky="uniform",
+        sky_radiance=0.1,
+        albedo=0.5,
+        bounces=2,
+        layer=layer,
+        **options,
+    )
+    skies = (adret.Sun(135.0, 25.0), adret.UniformSky(0.1))
+    direct = sum(adret.direct_light(terrain, sky, **options).irradiance for sky in skies)
+    found = adret.indirect_light(
+        terrain, None, 0.5, radiance=direct * np.float32(0.5 / np.pi), bounces=2, **options
+    )
+    want = found.irradiance + (0.0 if layer == "indirect" else direct)
+    want = want * (0.5 / np.pi) if layer == "radiance" else want
+    np.testing.assert_allclose(values[0], want, rtol=3e-7)
+    assert (facts["ADRET_BOUNCES"], facts["ADRET_ALBEDO"]) == ("2", "0.5")
+    assert (facts["ADRET_NEAR"], facts["ADRET_DIRECTIONS"]) == ("12", "8")
+    assert facts["ADRET_DEFINITION"].endswith(
+        "lit by sun at azimuth 135.0, elevation 25.0 deg, uniform sky"
+    )
+    assert facts["ADRET_RESIDUAL"].startswith("at most 0.")
+
+
+def test_a_converged_file_says_how_many_bounces_it_took(terrain: Terrain, tmp_path: Path) -> None:
+    _, facts = written(
+        "bounce",
+        terrain,
+        tmp_path / "a.tif",
+        sky="overcast",
+        albedo=0.8,
+        bounces="converge",
+        tolerance=0.01,
+        directions=4,
+    )
+    assert int(facts["ADRET_BOUNCES"]) > 2
+    assert float(facts["ADRET_RESIDUAL"].split()[2]) <= 0.01
+
+
+@pytest.mark.parametrize(
+    ("measure", "unit"),
+    [("visible-count", "1"), ("visible-area", "m2"), ("max-sight-distance", "m")],
+)
+def test_visibility_files_are_the_reductions(
+    measure: Any, unit: str, terrain: Terrain, tmp_path: Path
+) -> None:
+    values, facts = written(
+        "visibility", terrain, tmp_path / "a.tif", measure=measure, directions=8, max_distance=150.0
+    )
+    want = adret.intervisibility(
+        terrain,
+        8,
+        reduce=measure.replace("-", "_"),
+        observer_height=1.6,
+        max_distance=150.0,
+    )
+    np.testing.assert_array_equal(values[0], want)
+    assert (facts["unit"], facts["ADRET_METHOD"], facts["ADRET_DIRECTIONS"]) == (unit, "tree", "8")
+    assert facts["ADRET_OBSERVER_HEIGHT"] == "1.6 m"
+
+
+def test_every_measure_has_a_definition() -> None:
+    from adret.products.sights import MEASURES
+
+    (measure, *_) = products.specifications(parameters.VisibilityParameters)
+    assert tuple(MEASURES) == measure.choices
+
+
 def test_a_map_coordinate_is_the_cell_it_lies_in(terrain: Terrain, tmp_path: Path) -> None:
     x, y = NORTH_UP.c + 10.2 * NORTH_UP.a, NORTH_UP.f + 20.9 * NORTH_UP.e
     placed, facts = written("viewshed", terrain, tmp_path / "a.tif", at=((x, y),))
@@ -222,6 +297,8 @@ def test_nodata_is_transparent_in_every_picture(terrain: Terrain, tmp_path: Path
         ("sky-view", {"directions": 4}),
         ("shadow", {}),
         ("light", {"sky": "overcast", "directions": 4}),
+        ("bounce", {"sky": "overcast", "directions": 4}),
+        ("visibility", {"directions": 4}),
         ("viewshed", {"observer": [(20, 20)]}),
         ("viewshed", {"observer": [(20, 20)], "layer": "minimum-height"}),
         ("viewshed", {"observer": [(20, 20)], "layer": "count"}),
@@ -237,6 +314,7 @@ def test_every_parameter_is_described_and_has_a_lawful_default() -> None:
     for name, product in PRODUCTS.items():
         options: dict[str, Any] = {
             "light": {"sky": "uniform"},
+            "bounce": {"sky": "uniform"},
             "viewshed": {"observer": [(0, 0)]},
         }.get(name, {})
         made = product.parameters(**options)
@@ -270,6 +348,15 @@ def test_every_parameter_is_described_and_has_a_lawful_default() -> None:
         ("shadow", {"sun_deg": (10.0,)}, "sun_deg: must be 2 numbers"),
         ("light", {}, "sky: must be lit by at least one of sun, sky and environment"),
         ("light", {"sky": "uniform", "albedo": 1.5}, "albedo: must be a number between 0 and 1"),
+        ("bounce", {}, "sky: must be lit by at least one of sun, sky and environment"),
+        (
+            "bounce",
+            {"sky": "uniform", "bounces": 1001},
+            "bounces: must be a whole number between 1 and 1000 or converge, got 1001",
+        ),
+        ("bounce", {"sky": "uniform", "bounces": "2"}, "bounces: must be a whole number"),
+        ("bounce", {"sky": "uniform", "tolerance": 0.0}, "tolerance: must be a number between 0"),
+        ("visibility", {"measure": "all"}, "measure: must be one of visible-count, visible-area"),
         ("viewshed", {}, "observer: must be given at least once"),
         ("viewshed", {"observer": [(1, -1)]}, "observer: must be a whole number of at least 0"),
         ("viewshed", {"observer": [(1, 2.5)]}, "observer: must be a whole number"),

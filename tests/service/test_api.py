@@ -352,6 +352,22 @@ def test_observers_are_checked_one_by_one(inputs: dict[str, Any], field: str) ->
     assert [entry.field for entry in caught.value.errors] == [field]
 
 
+def test_a_number_of_bounces_may_be_a_word() -> None:
+    order = {"dataset": "0" * 26, "sky": "uniform"}
+    for bounces in (3, "converge"):
+        _, inputs = processes.validated("bounce", order | {"bounces": bounces})
+        assert processes.parameters("bounce", inputs).bounces == bounces
+    for wrong in (0, 2.5, "all", True, None, [1]):
+        with pytest.raises(Problem) as caught:
+            processes.validated("bounce", order | {"bounces": wrong})
+        assert [entry.field for entry in caught.value.errors] == ["inputs.bounces"]
+    schema = processes.description("bounce")["inputs"]["bounces"]["schema"]
+    assert schema["anyOf"] == [
+        {"type": "integer", "minimum": 1, "maximum": 1000},
+        {"type": "string", "const": "converge"},
+    ]
+
+
 def test_datasets_are_listed_described_and_deleted(client: AppClient, small_dem: Path) -> None:
     known = client.post("/uploads", files={"file": small_dem.read_bytes()}).json()["id"]
     listed = client.get("/datasets").json()["datasets"]

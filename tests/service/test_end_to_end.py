@@ -21,6 +21,8 @@ ORDERS = {
     "openness": {"directions": 8, "sign": -1},
     "shadow": {"sun_deg": [315.0, 35.0]},
     "light": {"directions": 8, "sky": "uniform", "sun_deg": [315.0, 35.0]},
+    "bounce": {"directions": 4, "sky": "uniform", "bounces": "converge", "tolerance": 0.1},
+    "visibility": {"directions": 4, "max_distance": 5000.0},
     "viewshed": {"observer": [[150, 170], [20, 300]], "layer": "count"},
 }
 

@@ -16,7 +16,17 @@ from adret.errors import AdretError, Cancelled, InputError
 
 __all__ = ["main"]
 
-COMMANDS = ("info", "horizon", "sky", "openness", "shadow", "light", "viewshed")
+COMMANDS = (
+    "info",
+    "horizon",
+    "sky",
+    "openness",
+    "shadow",
+    "light",
+    "bounce",
+    "viewshed",
+    "visibility",
+)
 # Commands that other packages bring, and the extra that installs them.
 EXTRAS = {"serve": "service", "worker": "service", "submit": "service"}
 GROUP = "adret.commands"

@@ -99,6 +99,8 @@ def _option_of(spec: Specification) -> inspect.Parameter:
         names = f"{name}/--no-{name[2:]}"
         return _parameter(spec.name, bool, typer.Option(names, help=text), spec.default)
     metavar = "|".join(spec.choices) if spec.choices else _METAVAR[spec.type]
+    if spec.type == "integer" and spec.choices:
+        metavar = f"N|{metavar}"
     if spec.type in ("cells", "points"):
         repeated = typer.Option(name, metavar=metavar, help=f"{text} May be repeated.")
         return _parameter(spec.name, list[str] | None, repeated, None)

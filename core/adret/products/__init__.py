@@ -13,6 +13,7 @@ from adret._gdal import PathLike, atomic, check_output
 from adret.cogs import write
 from adret.errors import InputError
 from adret.parameters import (
+    BounceParameters,
     HorizonParameters,
     LightParameters,
     OpennessParameters,
@@ -21,6 +22,7 @@ from adret.parameters import (
     SkyViewParameters,
     Specification,
     ViewshedParameters,
+    VisibilityParameters,
     specifications,
 )
 from adret.previews import preview
@@ -164,11 +166,25 @@ PRODUCTS: dict[str, Product] = {
             compute=sun.light,
         ),
         Product(
+            name="bounce",
+            title="Indirect light",
+            description="Light that terrain reflects to the terrain that sees it.",
+            parameters=BounceParameters,
+            compute=sun.bounce,
+        ),
+        Product(
             name="viewshed",
             title="Viewshed",
             description="What one or many observers see, by exact lines of sight.",
             parameters=ViewshedParameters,
             compute=sights.viewshed,
+        ),
+        Product(
+            name="visibility",
+            title="Visibility",
+            description="How much every cell sees: area, distance, number of samples.",
+            parameters=VisibilityParameters,
+            compute=sights.visibility,
         ),
     )
 }

@@ -1,4 +1,4 @@
-"""Products that need a source of light: shadow and direct light."""
+"""Products that need a source of light: shadow, direct light and bounces."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -6,10 +6,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from adret.parameters import LightParameters, ShadowParameters
+from adret.parameters import (
+    BounceParameters,
+    LightParameters,
+    ShadowParameters,
+    SourceParameters,
+)
 from adret.products.result import (
     Progress,
     Result,
+    body_options,
     degrees_text,
     hillshade,
     ray_options,
@@ -19,7 +25,7 @@ from adret.products.result import (
 if TYPE_CHECKING:
     from adret.terrain import Terrain
 
-__all__ = ["light", "shadow"]
+__all__ = ["bounce", "light", "shadow"]
 
 
 def shadow(terrain: "Terrain", parameters: ShadowParameters, progress: Progress | None) -> Result:
@@ -53,54 +59,71 @@ def shadow(terrain: "Terrain", parameters: ShadowParameters, progress: Progress 
 
 
 def light(terrain: "Terrain", parameters: LightParameters, progress: Progress | None) -> Result:
+    total, sources = _direct(
+        terrain, parameters, parameters.directions, ray_options(terrain, parameters), progress
+    )
+    quantity = "irradiance on the sloping cell"
+    if parameters.albedo is not None:
+        total = total * np.float32(parameters.albedo / np.pi)
+        quantity = f"radiance, albedo {parameters.albedo:g} times irradiance / pi,"
+    return _lit(total, "light", tags_of(terrain, "light", f"{quantity} from {sources}", parameters))
+
+
+def bounce(terrain: "Terrain", parameters: BounceParameters, progress: Progress | None) -> Result:
+    from adret.bounces import indirect_light
+    from adret.horizon import NEAR_DEFAULT
+
+    near = NEAR_DEFAULT if parameters.near is None else parameters.near
+    options = body_options(terrain, parameters) | {"near": near}
+    direct, sources = _direct(
+        terrain, parameters, parameters.directions, options, _part(progress, 0, 2)
+    )
+    reflect = np.float32(parameters.albedo / np.pi)
+    found = indirect_light(
+        terrain,
+        None,
+        parameters.albedo,
+        radiance=direct * reflect,
+        bounces=parameters.bounces,
+        directions=parameters.directions,
+        tolerance=parameters.tolerance,
+        progress=_part(progress, 1, 2),
+        **options,
+    )
+    total, quantity = found.irradiance, "irradiance on the sloping cell from the terrain it sees"
+    if parameters.layer != "indirect":
+        total = total + direct
+        quantity = "irradiance on the sloping cell, direct and from the terrain it sees"
+    if parameters.layer == "radiance":
+        total = total * reflect
+        quantity = f"radiance, albedo / pi times {quantity}"
+    tags = tags_of(terrain, "bounce", f"{quantity}, lit by {sources}", parameters) | {
+        "ADRET_ALBEDO": f"{parameters.albedo:g}",
+        "ADRET_BOUNCES": str(found.bounces),
+        "ADRET_RESIDUAL": f"at most {found.residual:.3g} of the largest indirect irradiance",
+        "ADRET_DIRECTIONS": str(parameters.directions),
+        "ADRET_NEAR": str(near),
+    }
+    name = {"indirect": "indirect light", "total": "light", "radiance": "radiance"}
+    return _lit(total, name[parameters.layer], tags)
+
+
+def _direct(
+    terrain: "Terrain",
+    parameters: SourceParameters,
+    directions: int,
+    options: dict[str, Any],
+    progress: Progress | None,
+) -> tuple[NDArray[np.float32], str]:
+    """Irradiance of all sources together, and what they are."""
     from adret.light import direct_light
-    from adret.skies import Environment, OvercastSky, Sun, UniformSky
 
-    skies: list[Any] = []
-    sources = []
-    if parameters.sun_deg is not None:
-        azimuth, elevation = parameters.sun_deg
-        skies.append(
-            Sun(
-                azimuth,
-                elevation,
-                irradiance=parameters.sun_irradiance,
-                angular_diameter_deg=parameters.sun_diameter_deg,
-            )
-        )
-        sources.append(
-            f"sun at azimuth {degrees_text(azimuth)}, elevation {degrees_text(elevation)} deg"
-        )
-    if parameters.sky == "uniform":
-        skies.append(UniformSky(parameters.sky_radiance))
-        sources.append("uniform sky")
-    elif parameters.sky == "overcast":
-        skies.append(OvercastSky(parameters.sky_radiance))
-        sources.append("overcast sky (1 + 2 sin e)/3")
-    if parameters.environment is not None:
-        table = {}
-        if parameters.normal_angles is not None:
-            table["normal_angles"] = parameters.normal_angles
-        skies.append(
-            Environment.open(
-                parameters.environment, rotation_deg=parameters.environment_rotation_deg, **table
-            )
-        )
-        sources.append(f"environment map {Path(parameters.environment).name}")
-
-    options = ray_options(terrain, parameters)
+    sources = _sources(parameters)
     total: NDArray[np.float32] | None = None
-    for part, sky in enumerate(skies):
-        lit = direct_light(
-            terrain,
-            sky,
-            parameters.directions,
-            progress=_part(progress, part, len(skies)),
-            **options,
-        )
-        flux = lit.irradiance
-        if parameters.albedo is not None:
-            flux = lit.radiance(parameters.albedo)
+    for part, (sky, _) in enumerate(sources):
+        flux = direct_light(
+            terrain, sky, directions, progress=_part(progress, part, len(sources)), **options
+        ).irradiance
         if total is None:
             total = flux
         elif total.ndim == flux.ndim:
@@ -108,17 +131,47 @@ def light(terrain: "Terrain", parameters: LightParameters, progress: Progress | 
         else:
             total = np.atleast_3d(total) + np.atleast_3d(flux)
     assert total is not None
-    quantity = "irradiance on the sloping cell"
-    if parameters.albedo is not None:
-        quantity = f"radiance, albedo {parameters.albedo:g} times irradiance / pi,"
-    bands = total if total.ndim == 2 else np.moveaxis(total, 2, 0)
-    names = ("light",) if total.ndim == 2 else ("red", "green", "blue")
+    return total, ", ".join(text for _, text in sources)
+
+
+def _sources(parameters: SourceParameters) -> list[tuple[Any, str]]:
+    """The skies that were asked for, each with its words for the definition."""
+    from adret.skies import Environment, OvercastSky, Sun, UniformSky
+
+    sources: list[tuple[Any, str]] = []
+    if parameters.sun_deg is not None:
+        azimuth, elevation = parameters.sun_deg
+        sun = Sun(
+            azimuth,
+            elevation,
+            irradiance=parameters.sun_irradiance,
+            angular_diameter_deg=parameters.sun_diameter_deg,
+        )
+        place = f"azimuth {degrees_text(azimuth)}, elevation {degrees_text(elevation)} deg"
+        sources.append((sun, f"sun at {place}"))
+    if parameters.sky == "uniform":
+        sources.append((UniformSky(parameters.sky_radiance), "uniform sky"))
+    elif parameters.sky == "overcast":
+        sources.append((OvercastSky(parameters.sky_radiance), "overcast sky (1 + 2 sin e)/3"))
+    if parameters.environment is not None:
+        table = {}
+        if parameters.normal_angles is not None:
+            table["normal_angles"] = parameters.normal_angles
+        environment = Environment.open(
+            parameters.environment, rotation_deg=parameters.environment_rotation_deg, **table
+        )
+        sources.append((environment, f"environment map {Path(parameters.environment).name}"))
+    return sources
+
+
+def _lit(values: NDArray[np.float32], name: str, tags: dict[str, str]) -> Result:
+    """A quantity of light in one band, or in red, green and blue."""
     return Result(
-        layers=bands,
-        names=names,
+        layers=values if values.ndim == 2 else np.moveaxis(values, 2, 0),
+        names=(name,) if values.ndim == 2 else ("red", "green", "blue"),
         unit="unit of the sources",
-        tags=tags_of(terrain, "light", f"{quantity} from {', '.join(sources)}", parameters),
-        picture=lambda: {"layer": total, "low": 0.0, "gamma": 1.5},
+        tags=tags,
+        picture=lambda: {"layer": values, "low": 0.0, "gamma": 1.5},
     )
 
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["viewshed", "visibility"]
 
-LINE = "a straight line of sight that the terrain crosses at no grid line"
+LINE = "a straight line of sight, nowhere below the surface at the grid lines it crosses,"
 MEASURES = {
     "visible-count": ("1", "samples seen in all azimuths together"),
     "visible-area": ("m2", "ground seen in plan, without the cell itself (total viewshed)"),

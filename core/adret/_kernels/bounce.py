@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adret._kernels.angles import HALF_PI, atan_slope
-from adret._kernels.jit import greater, index, inline, kernel, parallel_kernel, prange
+from adret._kernels.jit import greater, index, inline, prange, strict_kernel, strict_parallel_kernel
 
 CHUNK = 128
 LANES = 64  # of them whose light is added up together
@@ -79,7 +79,7 @@ def moment(slope, plane):
     return HALF * (cosine2 - plane * (HALF_PI - atan_slope(slope) - slope * cosine2))
 
 
-@parallel_kernel
+@strict_parallel_kernel
 def tile_tops(z, tops):
     """Fill `tops` with the highest height of each tile of a padded frame, -inf for none."""
     for i in prange(tops.shape[0]):
@@ -91,7 +91,7 @@ def tile_tops(z, tops):
             tops[i, j] = top
 
 
-@parallel_kernel
+@strict_parallel_kernel
 def tile_lights(light, lit):
     """Mark the tiles of padded frames (bands, rows, columns) that send any light."""
     for i in prange(lit.shape[0]):
@@ -104,7 +104,7 @@ def tile_lights(light, lit):
             lit[i, j] = any_light
 
 
-@kernel
+@strict_kernel
 def highest(tops, top_row, bottom_row, left, right):
     """Highest of some tiles, both ends included."""
     top = np.float32(-np.inf)
@@ -114,7 +114,7 @@ def highest(tops, top_row, bottom_row, left, right):
     return top
 
 
-@kernel
+@strict_kernel
 def any_lit(lit, top_row, bottom_row, left, right):
     """Whether any of some tiles sends light, both ends included."""
     for i in range(top_row, min(bottom_row + 1, lit.shape[0])):
@@ -145,7 +145,7 @@ def differ(bits, start, stop):
     return changed != 0
 
 
-@kernel
+@strict_kernel
 def can_rise(height, drop, per_near, per_far, start, stop, s, bits):
     """Whether terrain of this height between two distances could rise above any top."""
     for i in range(start, stop):
@@ -156,7 +156,7 @@ def can_rise(height, drop, per_near, per_far, start, stop, s, bits):
     return differ(bits, start, stop)
 
 
-@kernel
+@strict_kernel
 def four_rise(z, cells, numbers, c, base, start, stop, s):
     """Put the tops after crossings c to c + 3 into BEST."""
     a0, a1 = index(base + cells[c, A]), index(base + cells[c + 1, A])
@@ -176,7 +176,7 @@ def four_rise(z, cells, numbers, c, base, start, stop, s):
         s[BEST + x] = greater(z[a3 + x] * p3 + z[b3 + x] * q3 - h * v3 + k3, t)
 
 
-@kernel
+@strict_kernel
 def add_four(z, light, cells, numbers, first, base, start, stop, s):
     """Raise TOP by four crossings and add the light of the first band.
 
@@ -218,7 +218,7 @@ def add_four(z, light, cells, numbers, first, base, start, stop, s):
             )
 
 
-@kernel
+@strict_kernel
 def add_band(light, cells, numbers, first, base, start, stop, total, s):
     """Add the light of another band by the weights of `add_four`."""
     to = index(total)
@@ -236,7 +236,7 @@ def add_band(light, cells, numbers, first, base, start, stop, total, s):
             )
 
 
-@kernel
+@strict_kernel
 def take_tops(start, stop, s):
     """BEST becomes TOP."""
     for i in range(start, stop):
@@ -244,7 +244,7 @@ def take_tops(start, stop, s):
         s[TOP + x] = s[BEST + x]
 
 
-@kernel
+@strict_kernel
 def renew_moments(count, s):
     """Moments above tops that rose over dark senders."""
     for i in range(count):
@@ -252,7 +252,7 @@ def renew_moments(count, s):
         s[ABOVE + x] = moment(s[TOP + x], s[PLANE + x])
 
 
-@kernel
+@strict_kernel
 def walk(frame, rays, reach, i, lo, hi, s, bits, counters):
     """Walk the crossings below `reach`; return one more than the last in a visible group."""
     z, light, width, tops, lit = frame
@@ -307,7 +307,7 @@ def walk(frame, rays, reach, i, lo, hi, s, bits, counters):
     return visible
 
 
-@parallel_kernel
+@strict_parallel_kernel
 def gather(
     frame, rays, to_east, to_north, turn, rows, columns, needed, known, reach, scale, counters, out
 ):

@@ -1,5 +1,7 @@
 # Thin words over the tools. Nothing is needed beforehand but Python >= 3.11 and make.
-PYTHON ?= $(shell command -v python3.13 || command -v python3.12 || command -v python3.11 || command -v python3)
+# The first interpreter that runs and is new enough; a version manager's shim may be there and not run.
+PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 VENV ?= .venv
 BIN = $(VENV)/bin
 STAMP = $(VENV)/.installed
@@ -14,7 +16,7 @@ help: ## List these targets
 install: $(DEVELOP) ## Make the virtual environment with pinned packages
 
 $(STAMP): pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "Adret needs Python 3.11 or newer; say where: make PYTHON=/path/to/python3.12"'
+	@test -n "$(PYTHON)" || { echo "Adret needs Python 3.11 or newer; say where: make PYTHON=/path/to/python3.12"; exit 1; }
 	@echo "Installing into $(VENV) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[service]"

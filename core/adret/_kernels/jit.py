@@ -1,9 +1,10 @@
 """Everything about Numba in one place: flags, threading layer, disk cache.
 
-Numba's disk cache goes stale when a helper in another module changes, so the cache folder's last
-part is a digest of every kernel source, of this package's Numba version and of the Python version:
-an edited kernel gets a new, empty folder and old code can never run. ``NUMBA_CACHE_DIR`` sets the
-root of that folder; the default is the user's cache folder.
+Numba's disk cache goes stale when a helper in another module changes, so every kernel module has a
+cache folder of its own, whose name ends in a digest of that module, of the kernel modules it
+imports, and of the Numba and Python versions: an edited kernel gets a new, empty folder, old code
+can never run, and what does not use it is not compiled again. ``NUMBA_CACHE_DIR`` sets the root of
+these folders; the default is the user's cache folder.
 """
 
 import contextlib
@@ -11,9 +12,11 @@ import ctypes
 import hashlib
 import os
 import platform
+import re
 import shutil
 import sys
 from collections.abc import Callable
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -51,31 +54,64 @@ def _cache_root() -> Path:
     return Path(base) / "adret" / "numba"
 
 
-def source_digest() -> str:
-    """Digest of all kernel sources and of the versions that compile them (16 hex digits)."""
+KERNELS = Path(__file__).parent
+IMPORT = re.compile(r"^from adret\._kernels\.([\w.]+) import", re.MULTILINE)
+
+
+@cache
+def _imported(module: str) -> tuple[bytes, frozenset[str]]:
+    """Source of a kernel module, and the kernel modules which that source imports."""
+    source = (KERNELS / (module.replace(".", "/") + ".py")).read_bytes()
+    return source, frozenset(IMPORT.findall(source.decode()))
+
+
+@cache
+def source_digest(module: str) -> str:
+    """Digest of all that a kernel module's machine code comes from (16 hex digits).
+
+    `module` is named from this package on, as in ``"hull_sweep"``: its source, the sources of the
+    kernel modules that it imports, directly or not, and the versions that compile them.
+    """
     digest = hashlib.sha256(f"{numba.__version__} {platform.python_version()}".encode())
-    folder = Path(__file__).parent
-    for source in sorted(folder.rglob("*.py")):
-        digest.update(source.relative_to(folder).as_posix().encode() + b"\0")
-        digest.update(source.read_bytes())
+    found: set[str] = set()
+    waiting = {module}
+    while waiting:
+        found |= waiting
+        waiting = {name for each in waiting for name in _imported(each)[1]} - found
+    for name in sorted(found):
+        digest.update(name.encode() + b"\0" + _imported(name)[0])
     return digest.hexdigest()[:16]
 
 
-def _use_cache_folder() -> None:
-    folder = _cache_root() / source_digest()
+@cache
+def _cache_folder(module: str) -> str:
+    """Folder for a module's compiled kernels; empty where none can be written."""
+    folder = _cache_root() / f"{module}-{source_digest(module)}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
         others = sorted(
-            (p for p in folder.parent.iterdir() if p.is_dir() and len(p.name) == 16),
+            folder.parent.glob(f"{module}-{'[0-9a-f]' * 16}"),
             key=lambda p: p.stat().st_mtime,
             reverse=True,
         )
         for old in others[KEPT_CACHES:]:
             shutil.rmtree(old, ignore_errors=True)
     except OSError:
-        return  # no writable cache folder: Numba falls back to its own, or compiles each time
-    numba.config.CACHE_DIR = str(folder)
+        return ""  # Numba falls back to its own, or compiles each time
+    return str(folder)
+
+
+def _compile(function: Callable[..., Any], **flags: Any) -> Any:
+    """Compile with a disk cache in the folder of the function's module."""
+    package, _, module = function.__module__.partition("_kernels.")
+    found = numba.config.CACHE_DIR
+    if package == "adret.":
+        numba.config.CACHE_DIR = _cache_folder(module) or found
+    try:  # Numba reads the folder here, not when it compiles
+        return numba.njit(cache=True, nogil=True, error_model="numpy", **flags)(function)
+    finally:
+        numba.config.CACHE_DIR = found
 
 
 def _load_tbb() -> None:
@@ -90,7 +126,6 @@ def _load_tbb() -> None:
                 ctypes.CDLL(str(file.locate()), mode=ctypes.RTLD_GLOBAL)
 
 
-_use_cache_folder()
 _load_tbb()
 # The workqueue layer aborts the process when two threads enter a parallel kernel.
 numba.config.THREADING_LAYER_PRIORITY = ["tbb", "omp", "workqueue"]
@@ -101,14 +136,12 @@ index = numba.uintp  # an unsigned index cannot wrap round, so loops over it vec
 
 def kernel(function: Callable[..., None]) -> Any:
     """Compile a serial kernel: cached on disk, releases the GIL."""
-    return numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")(function)
+    return _compile(function, fastmath=FASTMATH)
 
 
 def parallel_kernel(function: Callable[..., None]) -> Any:
     """Compile a kernel whose ``prange`` loops run on all threads."""
-    return numba.njit(
-        cache=True, nogil=True, parallel=True, fastmath=FASTMATH, error_model="numpy"
-    )(function)
+    return _compile(function, fastmath=FASTMATH, parallel=True)
 
 
 def strict_kernel(function: Callable[..., None]) -> Any:
@@ -116,12 +149,12 @@ def strict_kernel(function: Callable[..., None]) -> Any:
 
     For verdicts that must come out the same when two operands change places.
     """
-    return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    return _compile(function)
 
 
 def strict_parallel_kernel(function: Callable[..., None]) -> Any:
     """Compile a kernel as `strict_kernel` does, with ``prange`` loops on all threads."""
-    return numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")(function)
+    return _compile(function, parallel=True)
 
 
 def inline(function: Callable[..., Any]) -> Any:

@@ -1,0 +1,45 @@
+import re
+from pathlib import Path
+
+from adret._kernels import jit
+
+SOURCES = sorted(p for p in jit.KERNELS.rglob("*.py") if p.name != "__init__.py")
+
+
+def test_every_import_among_kernels_has_the_form_that_the_digest_follows() -> None:
+    for source in SOURCES:
+        text = source.read_text()
+        for line in text.splitlines():
+            if re.match(r"\s*(from|import) ", line) and ("_kernels" in line or "from ." in line):
+                assert jit.IMPORT.match(line), f"{source.name}: {line}"
+
+
+def test_a_digest_changes_with_the_module_and_with_what_it_imports_only(
+    tmp_path: Path, monkeypatch
+) -> None:
+    files = {
+        "top.py": "from adret._kernels.middle import m\n",
+        "middle.py": "from adret._kernels.leaf import x\nfrom adret._kernels.top import t\n",
+        "leaf.py": "x = 1\n",
+        "other.py": "y = 1\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    monkeypatch.setattr(jit, "KERNELS", tmp_path)
+
+    def digests() -> dict[str, str]:
+        jit._imported.cache_clear(), jit.source_digest.cache_clear()
+        return {name: jit.source_digest(name) for name in ("top", "middle", "leaf", "other")}
+
+    before = digests()
+    (tmp_path / "leaf.py").write_text("x = 2\n")
+    after = digests()
+    monkeypatch.undo()
+    jit._imported.cache_clear(), jit.source_digest.cache_clear()
+    assert {name for name in before if before[name] != after[name]} == {"top", "middle", "leaf"}
+
+
+def test_the_cache_folder_of_the_callers_own_numba_code_is_left_alone() -> None:
+    import numba
+
+    assert "adret" not in (numba.config.CACHE_DIR or "")

@@ -76,7 +76,11 @@ def open_database(settings: Settings) -> sa.Engine:
         persist(lambda: _use_wal(engine), patience=30.0)
     else:
         engine = sa.create_engine(
-            url.set(drivername="postgresql+psycopg"), pool_size=10, pool_pre_ping=True
+            url.set(drivername="postgresql+psycopg"),
+            pool_size=10,
+            max_overflow=30,
+            pool_pre_ping=True,
+            connect_args={"client_encoding": "utf8"},
         )
     _create_tables(engine)
     return engine

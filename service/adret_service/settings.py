@@ -52,6 +52,7 @@ class Settings(BaseSettings):
     queue_poll: float = Field(default=0.25, gt=0)
     queue_max: int = Field(default=1000, ge=1)
     liveness_interval: float = Field(default=2.0, gt=0)
+    liveness_grace: float = Field(default=10.0, ge=0)
 
     max_body_bytes: int = Field(default=1 * MIB, ge=1)
     max_upload_bytes: int = Field(default=2 * GIB, ge=1)

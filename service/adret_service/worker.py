@@ -54,6 +54,7 @@ def run_worker(settings: Settings, watched: IO[str] | None = None) -> NoReturn:
         storage = Storage(settings.store_dir)
         database = open_database(settings)
         engine = DurableEngine(settings, database)
+        announced = engine.announce(lease)
     try:
         layers = {start.result() for start in starting}
     except (Unfit, RuntimeError) as error:
@@ -72,6 +73,8 @@ def run_worker(settings: Settings, watched: IO[str] | None = None) -> NoReturn:
         continue
     runner.stop()
     reaper.stop()
+    if announced is not None:
+        announced.release()
     lease.release()
     os._exit(0)  # the queue's threads hold jobs that must not be marked as done
 

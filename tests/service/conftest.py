@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from postgres import Postgres
 from servers import Server, hill, write_dem
 
 
@@ -35,3 +36,11 @@ def dataset(server: Server, example_dem: Path) -> str:
 def small_dem(tmp_path: Path) -> Path:
     """A GeoTIFF of 40 x 50 cells with a hill and a hole."""
     return write_dem(tmp_path / "small.tif", hill(40, 50))
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Postgres]:
+    """A PostgreSQL server for every test that leaves it running."""
+    server = Postgres()
+    yield server
+    server.remove()

@@ -7,12 +7,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from postgres import Postgres
+from servers import wait_for
 
 from adret_service.database import datasets, open_database
+from adret_service.engine.advisory import AdvisoryPresence
 from adret_service.engine.durable import DurableEngine, Reaper
 from adret_service.engine.liveness import Lease, is_dead, live, only_one, sweep_scratch
 from adret_service.engine.memory import MemoryEngine
@@ -24,13 +28,34 @@ Engine = DurableEngine | MemoryEngine
 DATASET = "0" * 26
 
 
-@pytest.fixture
-def settings(tmp_path: Path) -> Settings:
-    return Settings(data_dir=tmp_path / "data", job_max_revivals=2)
+DATABASES = ["sqlite", "postgresql"]
 
 
-@pytest.fixture
-def durable(settings: Settings) -> Iterator[DurableEngine]:
+@pytest.fixture(scope="module")
+def migrated(postgres: Postgres) -> str:
+    """Name of a database with all tables, to be copied."""
+    settings = Settings(database_url=postgres.url("migrated"))
+    DurableEngine(settings).close()
+    return "migrated"
+
+
+def settings_on(database: str, request: pytest.FixtureRequest, folder: Path) -> Settings:
+    address = ""
+    if database == "postgresql":
+        postgres: Postgres = request.getfixturevalue("postgres")
+        template = request.getfixturevalue("migrated")
+        address = postgres.url(f"engine-{new_id()}", template)
+    return Settings(
+        data_dir=folder / "data",
+        database_url=address,
+        job_max_revivals=2,
+        liveness_interval=0.1,
+        liveness_grace=0.0,
+    )
+
+
+@contextmanager
+def engine_on(settings: Settings) -> Iterator[DurableEngine]:
     database = open_database(settings)
     row = {
         "id": DATASET,
@@ -50,12 +75,24 @@ def durable(settings: Settings) -> Iterator[DurableEngine]:
     database.dispose()
 
 
-@pytest.fixture(params=["memory", "durable"])
-def engine(request: pytest.FixtureRequest) -> Engine:
+@pytest.fixture(params=DATABASES)
+def settings(request: pytest.FixtureRequest, tmp_path: Path) -> Settings:
+    return settings_on(request.param, request, tmp_path)
+
+
+@pytest.fixture
+def durable(settings: Settings) -> Iterator[DurableEngine]:
+    with engine_on(settings) as engine:
+        yield engine
+
+
+@pytest.fixture(params=["memory", *DATABASES])
+def engine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Engine]:
     if request.param == "memory":
-        return MemoryEngine()
-    found: DurableEngine = request.getfixturevalue("durable")
-    return found
+        yield MemoryEngine()
+        return
+    with engine_on(settings_on(request.param, request, tmp_path)) as engine:
+        yield engine
 
 
 def job(**changes: object) -> JobRecord:
@@ -158,6 +195,11 @@ def test_identifiers_sort_by_time_and_are_recognised() -> None:
     assert not is_id(first.upper())
 
 
+@pytest.fixture
+def local(tmp_path: Path) -> Settings:
+    return Settings(data_dir=tmp_path / "data")
+
+
 HOLDER = """
 import sys, time
 from pathlib import Path
@@ -169,42 +211,42 @@ time.sleep(60)
 
 
 @pytest.fixture
-def holder(settings: Settings) -> Iterator["subprocess.Popen[str]"]:
-    command = [sys.executable, "-c", HOLDER, str(settings.locks_dir), str(settings.scratch_dir)]
+def holder(local: Settings) -> Iterator["subprocess.Popen[str]"]:
+    command = [sys.executable, "-c", HOLDER, str(local.locks_dir), str(local.scratch_dir)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         yield process
         process.kill()
 
 
 def test_a_killed_process_is_dead_and_a_stopped_one_is_not(
-    settings: Settings, holder: "subprocess.Popen[str]"
+    local: Settings, holder: "subprocess.Popen[str]"
 ) -> None:
     assert holder.stdout is not None
     name = holder.stdout.readline().strip()
-    assert live(settings.locks_dir, "worker") == [name]
+    assert live(local.locks_dir, "worker") == [name]
     os.kill(holder.pid, signal.SIGSTOP)
-    assert not is_dead(settings.locks_dir, name)
-    (settings.scratch_dir / name / "half").write_text("x")
-    sweep_scratch(settings.locks_dir, settings.scratch_dir)
-    assert (settings.scratch_dir / name / "half").exists()
+    assert not is_dead(local.locks_dir, name)
+    (local.scratch_dir / name / "half").write_text("x")
+    sweep_scratch(local.locks_dir, local.scratch_dir)
+    assert (local.scratch_dir / name / "half").exists()
     holder.kill()
     holder.wait()
-    assert is_dead(settings.locks_dir, name)
-    sweep_scratch(settings.locks_dir, settings.scratch_dir)
-    assert list(settings.scratch_dir.iterdir()) == []
-    assert list(settings.locks_dir.iterdir()) == []
+    assert is_dead(local.locks_dir, name)
+    sweep_scratch(local.locks_dir, local.scratch_dir)
+    assert list(local.scratch_dir.iterdir()) == []
+    assert list(local.locks_dir.iterdir()) == []
 
 
-def test_a_lease_is_released_in_peace_and_a_duty_has_one_holder(settings: Settings) -> None:
-    with Lease(settings.locks_dir, settings.scratch_dir, "api") as lease:
-        assert live(settings.locks_dir, "api") == [lease.name]
+def test_a_lease_is_released_in_peace_and_a_duty_has_one_holder(local: Settings) -> None:
+    with Lease(local.locks_dir, local.scratch_dir, "api") as lease:
+        assert live(local.locks_dir, "api") == [lease.name]
         assert lease.scratch.is_dir()
-    assert is_dead(settings.locks_dir, lease.name)
+    assert is_dead(local.locks_dir, lease.name)
     assert not lease.scratch.exists()
-    locks = settings.locks_dir
+    locks = local.locks_dir
     with only_one(locks, "reaper") as first, only_one(locks, "reaper") as second:
         assert (first, second) == (True, False)
-    with only_one(settings.locks_dir, "reaper") as third:
+    with only_one(local.locks_dir, "reaper") as third:
         assert third
 
 
@@ -228,8 +270,11 @@ def test_the_reaper_gives_back_the_jobs_of_the_dead_and_of_nobody_else(
     for _ in range(settings.job_max_revivals):
         engine.revived(worn)
     with Lease(settings.locks_dir, settings.scratch_dir, "worker") as lease:
+        announced = engine.announce(lease)
         engine.claimed = {"worker-dead": [lost, gone, worn], lease.name: [kept]}
         assert Reaper(engine, settings).look() == 1
+        if announced is not None:
+            announced.release()
     revived = engine.get(lost, "t")
     assert revived is not None
     assert (revived.status, revived.revivals) == (JobStatus.RUNNING, 1)
@@ -246,10 +291,75 @@ def test_the_reaper_gives_back_the_jobs_of_the_dead_and_of_nobody_else(
     engine.close()
 
 
+@pytest.fixture
+def remote(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[DurableEngine]:
+    with engine_on(settings_on("postgresql", request, tmp_path)) as engine:
+        yield engine
+
+
+def test_a_process_on_a_server_lives_as_long_as_its_session(remote: DurableEngine) -> None:
+    settings = remote.settings
+    with Lease(settings.locks_dir, settings.scratch_dir, "worker") as lease:
+        assert remote.presence.is_dead(lease.name)
+        announced = remote.announce(lease)
+        assert announced is not None
+        assert not remote.presence.is_dead(lease.name)
+        assert (remote.presence.living("worker"), remote.presence.living("api")) == (1, 0)
+        assert remote.health().workers == 1
+        announced.release()
+        assert remote.presence.is_dead(lease.name)
+        assert remote.presence.living("worker") == 0
+
+
+def test_a_killed_process_frees_its_lock_on_the_server(remote: DurableEngine) -> None:
+    code = (
+        "import sys, time\n"
+        "from adret_service.engine.advisory import AdvisoryLock\n"
+        "AdvisoryLock(sys.argv[1], 'worker-x', 1.0)\n"
+        "print('held', flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    command = [sys.executable, "-c", code, remote.settings.database]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        os.kill(process.pid, signal.SIGSTOP)
+        assert not remote.presence.is_dead("worker-x")
+        process.kill()
+    wait_for(lambda: remote.presence.is_dead("worker-x"), 5.0)
+
+
+def test_a_lost_session_is_not_a_death_within_the_grace(
+    remote: DurableEngine, postgres: Postgres
+) -> None:
+    settings = remote.settings
+    patient = AdvisoryPresence(remote.database, grace=5.0)
+    with Lease(settings.locks_dir, settings.scratch_dir, "worker") as lease:
+        announced = remote.announce(lease)
+        assert announced is not None
+        remote.database.dispose()
+        postgres.drop_sessions(str(remote.database.url.database))
+        assert not patient.is_dead(lease.name)
+        wait_for(lambda: not remote.presence.is_dead(lease.name), 5.0)
+        announced.release()
+        assert not patient.is_dead(lease.name)
+        assert AdvisoryPresence(remote.database, grace=0.0).is_dead(lease.name)
+
+
+def test_a_duty_on_a_server_has_one_holder(remote: DurableEngine) -> None:
+    presence = remote.presence
+    with presence.only_one("reaper") as first, presence.only_one("reaper") as second:
+        assert (first, second) == (True, False)
+    with presence.only_one("reaper") as third:
+        assert third
+
+
 def test_nothing_in_the_database_is_pickled(durable: DurableEngine) -> None:
     durable.submit(job())
+    schema = "" if durable.database.dialect.name == "sqlite" else "dbos."
     with durable.database.connect() as connection:
-        kinds = connection.exec_driver_sql("SELECT serialization FROM workflow_status").scalars()
-        assert set(kinds) == {"portable_json"}
-        inputs = connection.exec_driver_sql("SELECT inputs FROM workflow_input").scalars().all()
+        kinds = connection.exec_driver_sql(f"SELECT serialization FROM {schema}workflow_status")
+        assert set(kinds.scalars()) == {"portable_json"}
+        query = f"SELECT inputs FROM {schema}workflow_input"
+        inputs = connection.exec_driver_sql(query).scalars().all()
     assert [set(json.loads(text)) for text in inputs] == [{"positionalArgs", "namedArgs"}]

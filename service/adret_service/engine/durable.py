@@ -2,7 +2,8 @@
 
 DBOS is the queue: a job is a workflow whose only argument is the job's id, written as JSON. The
 jobs table is what the world sees. Nothing in DBOS's open package revives the workflows of a
-process that died for good, so :class:`Reaper` does: a process is dead when its lock can be taken.
+process that died for good, so :class:`Reaper` does: a process is dead when its lock can be taken,
+a file's lock beside a SQLite database and an advisory lock in a PostgreSQL one.
 """
 
 import logging
@@ -22,8 +23,9 @@ from dbos import (
 )
 
 from adret_service.database import jobs, open_database
+from adret_service.engine.advisory import AdvisoryLock, AdvisoryPresence
 from adret_service.engine.ledger import SqlLedger
-from adret_service.engine.liveness import Lease, is_dead, live, only_one, sweep_scratch
+from adret_service.engine.liveness import FilePresence, Lease, Presence, sweep_scratch
 from adret_service.engine.port import EngineHealth, JobRecord, JobStatus
 from adret_service.settings import WORKFLOW_VERSION, Settings
 
@@ -51,6 +53,11 @@ class DurableEngine(SqlLedger):
         self.settings = settings
         self._owns_database = database is None
         super().__init__(open_database(settings) if database is None else database)
+        self.presence: Presence = (
+            FilePresence(settings.locks_dir)
+            if self.database.dialect.name == "sqlite"
+            else AdvisoryPresence(self.database, settings.liveness_grace)
+        )
         logging.getLogger("dbos").setLevel(logging.WARNING)
         run_dbos_database_migrations(settings.database)
         self._client = DBOSClient(
@@ -115,7 +122,7 @@ class DurableEngine(SqlLedger):
         return EngineHealth(
             waiting=self.waiting(),
             running=self.count(JobStatus.RUNNING),
-            workers=len(live(self.settings.locks_dir, "worker")),
+            workers=self.presence.living("worker"),
         )
 
     def close(self) -> None:
@@ -123,6 +130,12 @@ class DurableEngine(SqlLedger):
         self._client.destroy()
         if self._owns_database:
             self.database.dispose()
+
+    def announce(self, lease: Lease) -> AdvisoryLock | None:
+        """Tell processes on other machines that the holder of `lease` lives; None if none can."""
+        if isinstance(self.presence, FilePresence):
+            return None
+        return AdvisoryLock(self.settings.database, lease.name, self.settings.liveness_interval)
 
     def pending(self) -> dict[str, list[str]]:
         """Return the ids of workflows that a process has claimed, by that process's name."""
@@ -186,15 +199,15 @@ class Reaper:
     def look(self) -> int:
         """Revive what is dead; returns how many jobs went back to the queue."""
         revived = 0
-        with only_one(self.settings.locks_dir, "reaper") as mine:
+        sweep_scratch(self.settings.locks_dir, self.settings.scratch_dir)
+        with self.engine.presence.only_one("reaper") as mine:
             if not mine:
                 return 0
             for owner, job_ids in self.engine.pending().items():
-                if is_dead(self.settings.locks_dir, owner):
+                if self.engine.presence.is_dead(owner):
                     revived += sum(self._revive(job_id) for job_id in job_ids)
             for job_id in self.engine.stranded():
                 self._give_up(job_id, "the worker failed while it ran the job")
-            sweep_scratch(self.settings.locks_dir, self.settings.scratch_dir)
         return revived
 
     def _revive(self, job_id: str) -> bool:

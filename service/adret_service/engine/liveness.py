@@ -9,13 +9,51 @@ import os
 import shutil
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Self
+from typing import Protocol, Self
 
 from adret_service.ids import new_id
 
-__all__ = ["Lease", "live", "sweep_scratch"]
+__all__ = ["FilePresence", "Lease", "Presence", "is_dead", "live", "only_one", "sweep_scratch"]
+
+
+class Presence(Protocol):
+    """Tells the living from the dead among the processes that share a database."""
+
+    def is_dead(self, name: str) -> bool:
+        """Whether the process of that name has died."""
+
+    def living(self, role: str) -> int:
+        """Return how many processes of this role are alive."""
+
+    def only_one(self, duty: str) -> AbstractContextManager[bool]:
+        """Yield whether this process got the duty; at most one process has it at a time."""
+
+
+class FilePresence:
+    """The living and the dead on this machine, as the locks in a folder tell.
+
+    Parameters
+    ----------
+    locks : Path
+        Folder of the locks.
+    """
+
+    def __init__(self, locks: Path) -> None:
+        self._locks = locks
+
+    def is_dead(self, name: str) -> bool:
+        """Whether the process of that name has died."""
+        return is_dead(self._locks, name)
+
+    def living(self, role: str) -> int:
+        """Return how many processes of this role are alive."""
+        return len(live(self._locks, role))
+
+    def only_one(self, duty: str) -> AbstractContextManager[bool]:
+        """Yield whether this process got the duty; at most one process has it at a time."""
+        return only_one(self._locks, duty)
 
 
 class Lease:

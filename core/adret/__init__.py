@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from adret.light import Light, direct_light
     from adret.normals import surface_normals
     from adret.report import RunReport, last_run_report
+    from adret.screen import AOResult, Camera, DepthBuffer, ambient_occlusion
     from adret.shadows import Shadow, shadow
     from adret.sight import LineOfSight, cells_at, line_of_sight
     from adret.skies import Environment, OvercastSky, Sun, UniformSky
@@ -25,8 +26,11 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {
+    "AOResult": "screen",
     "AdretError": "errors",
+    "Camera": "screen",
     "Cancelled": "errors",
+    "DepthBuffer": "screen",
     "Environment": "skies",
     "HorizonMap": "horizon",
     "HorizonOptions": "horizon",
@@ -42,6 +46,7 @@ _HOME = {
     "Terrain": "terrain",
     "UniformSky": "skies",
     "Viewshed": "viewsheds",
+    "ambient_occlusion": "screen",
     "azimuth_set": "azimuths",
     "cells_at": "sight",
     "direct_light": "light",
@@ -61,8 +66,11 @@ _HOME = {
 }
 
 __all__ = [
+    "AOResult",
     "AdretError",
+    "Camera",
     "Cancelled",
+    "DepthBuffer",
     "Environment",
     "HorizonMap",
     "HorizonOptions",
@@ -78,6 +86,7 @@ __all__ = [
     "Terrain",
     "UniformSky",
     "Viewshed",
+    "ambient_occlusion",
     "azimuth_set",
     "cells_at",
     "direct_light",

@@ -1,0 +1,1 @@
+"""Compiled loops over depth buffers, one module a method."""

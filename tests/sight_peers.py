@@ -146,7 +146,7 @@ def grass_rule(
     """Whether GRASS sees these targets from an eye `eye` high.
 
     A cell hides with the polyline from one of its corners over its centre to another one; the
-    polylines make up the diamonds \\|x\\| + \\|y\\| = 1, 2, ... round the observer. A corner is as
+    polylines make up the diamonds |x| + |y| = 1, 2, ... round the observer. A corner is as
     high as the mean of its four cells, or, where one of them is nodata, as the centre. Between
     corner and centre the elevation angle is linear in the azimuth, both of a grid of squares. A
     line that meets a diamond exactly in a corner passes between the two cells.

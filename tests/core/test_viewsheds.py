@@ -157,6 +157,31 @@ def test_every_target_gets_the_verdict_and_height_of_exact_arithmetic(seed: int)
             np.testing.assert_allclose(seen.minimum_height[there], want[1], rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.parametrize(("target", "radius"), [(0.0, None), (0.1, None), (0.1, 4000.0)])
+def test_on_level_ground_at_the_height_of_the_eye_touching_is_seeing(
+    target: float, radius: float | None, rng: np.random.Generator
+) -> None:
+    # A lake: all crossings tie there, and only the first is looked at. Islands, a gap, a shore.
+    heights = np.where(rng.random((23, 26)) < 0.04, rng.choice([-0.5, 0.25, 3.0], (23, 26)), 0.0)
+    heights[9, 14] = np.nan
+    heights[:, 24:] = 0.5 + rng.random((23, 2))
+    heights = (heights + 117.3).astype(np.float32)
+    for here in ((11, 12), (0, 0)):
+        heights[here] = np.float32(117.3)
+        terrain = terrain_of(heights)
+        seen = viewshed(
+            terrain, here, observer_height=0.0, target_height=target, radius=radius
+        ).visible
+        for row, column in rng.permutation(np.argwhere(~np.isnan(heights)))[:120].tolist():
+            fall = 0.0
+            if radius is not None:
+                fall = ((row - here[0]) ** 2 + (column - here[1]) ** 2) / (2.0 * radius)
+            want = (
+                here == (row, column) or sight(heights, here, (row, column), 0.0, target, fall)[0]
+            )
+            assert seen[row, column] == want, (here, row, column)
+
+
 def test_ten_thousand_pairs_on_a_real_mountain_agree_with_whole_numbers(example_dem: Path) -> None:
     terrain = Terrain.open(example_dem)
     rng = np.random.default_rng(7)

@@ -106,6 +106,19 @@ def wedge_bounds(z, home, major, minor, side, n, low, top, eye, drop_least, drop
 
 
 @strict_kernel
+def is_level(z, home, major, minor, side, n, low, top, eye):
+    """Whether all vertices of the crossings of `wedge_bounds` are exactly as high as the eye."""
+    last = np.int64(math.ceil(n * top - SNAP))
+    if last > side:
+        return False
+    for y in range(np.int64((n - 1) * low + SNAP), last + 1):
+        at = home + n * major + y * minor
+        if z[at] != eye or z[at - major] != eye:
+            return False
+    return True
+
+
+@strict_kernel
 def walk_wedge(
     z,
     home,
@@ -139,6 +152,7 @@ def walk_wedge(
     drop_most = drop[2] + drop[3] * top * top
     listed = 0
     bar = -np.inf  # what the highest crossing of every ray reaches
+    level = False  # whether crossings at the height of the eye are listed: more of them add nothing
     for n in range(1, reach + 1):
         y = (k * n + wedges - 1) // wedges
         if y > side:
@@ -206,6 +220,10 @@ def walk_wedge(
         margin = slack / n
         if sure - margin > bar:
             bar = sure - margin
+        if high == 0.0 and sure == 0.0 and is_level(z, home, major, minor, side, n, low, top, eye):
+            if level:
+                continue
+            level = True
         if high + margin >= bar:
             step[listed] = n
             bound[listed] = high + margin

@@ -21,7 +21,7 @@ from adret_service.ingest import Ingest
 from adret_service.middleware import BodyLimit, RequestId, SameOrigin
 from adret_service.routes import datasets, health, jobs, landing, processes
 from adret_service.settings import Settings
-from adret_service.storage import Storage
+from adret_service.storage import open_storage
 
 __all__ = ["create_app"]
 
@@ -91,7 +91,7 @@ def open_service(
     settings.locks_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
     sweep_scratch(settings.locks_dir, settings.scratch_dir)
     lease = stack.enter_context(Lease(settings.locks_dir, settings.scratch_dir, "api"))
-    storage = Storage(settings.store_dir)
+    storage = open_storage(settings)
     database = open_database(settings)
     stack.callback(database.dispose)
     catalogue = DatasetCatalogue(database, storage)

@@ -1,7 +1,6 @@
 """Datasets: elevation rasters that passed the gate, as rows of the database."""
 
 import math
-import shutil
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -131,16 +130,15 @@ class DatasetCatalogue:
             Age [s] below which a folder may still be on its way into the catalogue.
         """
         swept = 0
-        limit = time.time() - older_than
         for kind, table in (("datasets", datasets), ("jobs", jobs)):
-            for folder in self.storage.root.glob(f"*/{kind}/*"):
-                if folder.stat().st_mtime > limit:
+            for prefix, age in self.storage.prefixes(kind):
+                if age < older_than:
                     continue
-                query = sa.select(table.c.id).where(table.c.id == folder.name)
+                query = sa.select(table.c.id).where(table.c.id == prefix.rsplit("/", 1)[-1])
                 with self.database.connect() as connection:
                     known = connection.execute(query).first() is not None
                 if not known:
-                    shutil.rmtree(folder, ignore_errors=True)
+                    self.storage.delete(prefix)
                     swept += 1
         return swept
 

@@ -17,6 +17,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
 from starlette.exceptions import HTTPException
 
 from adret.errors import InputError
@@ -31,6 +32,7 @@ NO_SUCH_JOB = OGC + "no-such-job"
 RESULT_NOT_READY = OGC + "result-not-ready"
 INVALID_INPUT = OGC + "invalid-parameter-value"
 
+AGAIN = 5  # seconds until a request may be repeated
 MAX_VALUE_TEXT = 200
 
 
@@ -178,11 +180,16 @@ def install(app: FastAPI) -> None:
         return render(request, Problem(exc.status_code, str(exc.detail), headers=headers))
 
     def on_full_disk(request: Request, exc: Exception) -> JSONResponse:
-        full = isinstance(exc, OperationalError) and "full" in str(exc.orig)
-        full = full or getattr(exc, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
-        if full:
+        if getattr(exc, "errno", None) in (errno.ENOSPC, errno.EDQUOT):
             return render(request, Problem(507, "the storage of the service is full"))
         return on_any(request, exc)
+
+    def on_database(request: Request, exc: Exception) -> JSONResponse:
+        if isinstance(exc, OperationalError) and "full" in str(exc.orig):
+            return render(request, Problem(507, "the storage of the service is full"))
+        log.error("the database does not answer: %s", str(exc).splitlines()[0])
+        later = {"Retry-After": str(AGAIN)}
+        return render(request, Problem(503, "the database does not answer", headers=later))
 
     def on_any(request: Request, exc: Exception) -> JSONResponse:
         log.error("unhandled error", exc_info=exc)
@@ -193,5 +200,6 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, on_validation)
     app.add_exception_handler(HTTPException, on_http)
     app.add_exception_handler(OSError, on_full_disk)
-    app.add_exception_handler(OperationalError, on_full_disk)
+    app.add_exception_handler(OperationalError, on_database)
+    app.add_exception_handler(PoolTimeout, on_database)
     app.add_exception_handler(Exception, on_any)

@@ -121,7 +121,7 @@ class JobRunner:
             order = {
                 "process": job.process,
                 "inputs": dict(job.inputs),
-                "raster": str(self.storage.path(dataset.key).absolute()),
+                "raster": str(self.storage.local(dataset.key, folder)),
                 "info": dict(dataset.info),
                 "folder": str(folder.absolute()),
             }

@@ -35,6 +35,9 @@ class Settings(BaseSettings):
 
     data_dir: Path = Field(default_factory=_default_data_dir)
     database_url: str = ""
+    storage_url: str = Field(default="", pattern=r"^(s3://[^/]+(/.*)?)?$")
+    storage_endpoint: str = ""
+    storage_allow_http: bool = False
 
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65535)

@@ -49,9 +49,9 @@ def run_worker(settings: Settings, watched: IO[str] | None = None) -> NoReturn:
         from adret_service.datasets import DatasetCatalogue
         from adret_service.engine.durable import DurableEngine, Reaper, serve_queue
         from adret_service.running import JobRunner
-        from adret_service.storage import Storage
+        from adret_service.storage import open_storage
 
-        storage = Storage(settings.store_dir)
+        storage = open_storage(settings)
         database = open_database(settings)
         engine = DurableEngine(settings, database)
         announced = engine.announce(lease)

@@ -1,9 +1,12 @@
 """Fixtures of the service's tests."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
+from moto.server import ThreadedMotoServer
 from postgres import Postgres
 from servers import Server, hill, write_dem
 
@@ -44,3 +47,27 @@ def postgres() -> Iterator[Postgres]:
     server = Postgres()
     yield server
     server.remove()
+
+
+@pytest.fixture(scope="session")
+def bucket() -> Iterator[dict[str, str]]:
+    """Settings of a store in a bucket: a real S3 protocol, a double behind it."""
+    import boto3
+
+    secrets = {
+        "AWS_ACCESS_KEY_ID": "key",
+        "AWS_SECRET_ACCESS_KEY": "secret",
+        "AWS_DEFAULT_REGION": "us-east-1",
+    }
+    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    endpoint = f"http://{host}:{port}"
+    with patch.dict(os.environ, secrets):
+        boto3.client("s3", endpoint_url=endpoint).create_bucket(Bucket="adret")
+        yield {
+            "storage_url": "s3://adret/store",
+            "storage_endpoint": endpoint,
+            "storage_allow_http": "1",
+        }
+    server.stop()

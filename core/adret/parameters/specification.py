@@ -47,7 +47,8 @@ class Specification:
         Name of the field; a name that ends in _deg is in degrees.
     type : type
         "integer", "number", "boolean", "string", "numbers" (a list), "cells" (a list of pairs of
-        whole numbers) or "points" (a list of pairs of numbers).
+        whole numbers), "points" (a list of pairs of numbers) or "object" (of a class of ours, for
+        callers from Python only; its owner checks it).
     optional : bool
         Whether None is allowed.
     default : object
@@ -120,7 +121,7 @@ def _kind(hint: Any) -> tuple[str, bool, tuple[str, ...]]:
         pairs = {tuple[int, int]: "cells", tuple[float, float]: "points"}
         return pairs.get(arguments[0], "numbers"), optional, ()
     names = {int: "integer", float: "number", bool: "boolean", str: "string"}
-    return names[hint], optional, ()
+    return names.get(hint, "object"), optional, ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,6 +157,8 @@ def _checked(spec: Specification, value: Any) -> Any:
         return numbers
     if spec.type in ("cells", "points"):
         return _pairs(spec, value)
+    if spec.type == "object":
+        return value
     if isinstance(value, str) and value in spec.choices:
         return value
     return _number(spec, value)

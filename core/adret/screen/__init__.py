@@ -12,13 +12,18 @@ if TYPE_CHECKING:
     from adret.screen.falloffs import make_falloff
     from adret.screen.normals import view_normals
     from adret.screen.occlusion import METHODS, AOResult, ScreenReport, ambient_occlusion
+    from adret.screen.positions import LookupMap, PositionsBuffer
+    from adret.screen.vao import Relief
 
 _HOME = {
     "AOResult": "occlusion",
     "Camera": "camera",
     "DepthBuffer": "depth",
     "DepthPrecisionWarning": "depth",
+    "LookupMap": "positions",
     "METHODS": "occlusion",
+    "PositionsBuffer": "positions",
+    "Relief": "vao",
     "ScreenReport": "occlusion",
     "ambient_occlusion": "occlusion",
     "make_falloff": "falloffs",
@@ -31,6 +36,9 @@ __all__ = [
     "Camera",
     "DepthBuffer",
     "DepthPrecisionWarning",
+    "LookupMap",
+    "PositionsBuffer",
+    "Relief",
     "ScreenReport",
     "ambient_occlusion",
     "make_falloff",

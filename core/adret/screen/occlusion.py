@@ -16,6 +16,7 @@ from adret.errors import InputError
 from adret.screen.camera import Camera
 from adret.screen.depth import DepthBuffer, DepthPrecisionWarning
 from adret.screen.options import make_options
+from adret.screen.positions import PositionsBuffer
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -25,6 +26,10 @@ __all__ = ["METHODS", "AOResult", "Estimate", "ScreenReport", "ambient_occlusion
 Progress = Callable[[int, int], None]
 
 METHODS: dict[str, str] = {
+    "crytek": "adret.screen.crytek",
+    "hbao": "adret.screen.hbao",
+    "lightfield": "adret.screen.lightfield",
+    "vao": "adret.screen.vao",
     "raytraced": "adret.screen.raytraced",
 }
 """Method -> module with `Options` and ``estimate(field, options, progress) -> Estimate``.
@@ -107,8 +112,8 @@ class AOResult:
     bent_normal : ndarray, shape (3, rows, columns), float32, or None
         Mean open direction (right, up, back), unit; NaN at sky and holes. None for methods that
         do not define it.
-    camera : Camera
-        Of the whole image.
+    camera : Camera or None
+        Of the whole image; None for images of positions.
     frame : (int, int, int, int)
         row0, row1, column0, column1 of the frame in the image.
     report : ScreenReport
@@ -117,19 +122,19 @@ class AOResult:
     occlusion: NDArray[np.float32]
     confidence: NDArray[np.float32]
     bent_normal: NDArray[np.float32] | None
-    camera: Camera
+    camera: Camera | None
     frame: tuple[int, int, int, int]
     report: ScreenReport
 
     def __repr__(self) -> str:
         """Size, method and mean."""
-        rows, columns = self.occlusion.shape
+        rows, columns = self.occlusion.shape[-2:]
         method, mean = self.report.method, float(np.nanmean(self.occlusion))
         return f"AOResult({rows} x {columns}, {method}, mean occlusion {mean:.4f})"
 
 
 def ambient_occlusion(
-    buffer: DepthBuffer,
+    buffer: DepthBuffer | PositionsBuffer,
     *,
     method: str = "exact",
     power: float = 1.0,
@@ -141,7 +146,9 @@ def ambient_occlusion(
 
     Parameters
     ----------
-    buffer : DepthBuffer
+    buffer : DepthBuffer or PositionsBuffer
+        Images of positions are for the method "lightfield" alone; of several views, results have
+        an axis of views in front.
     method : str
         One of `METHODS`.
     power : float
@@ -182,11 +189,22 @@ def ambient_occlusion(
     >>> ambient_occlusion(wall, method="raytraced", rays=64).occlusion.max()
     np.float32(0.0)
     """
-    if not isinstance(buffer, DepthBuffer):
-        raise InputError("buffer", "a DepthBuffer", type(buffer).__name__)
+    if not isinstance(buffer, DepthBuffer | PositionsBuffer):
+        raise InputError("buffer", "a DepthBuffer or a PositionsBuffer", type(buffer).__name__)
     module = method_module(method)
     _check_number("power", power)
     _check_number("intensity", intensity)
+    if isinstance(buffer, PositionsBuffer):
+        if method != "lightfield":
+            raise InputError("method", "'lightfield' for images of positions", method)
+        result: AOResult = module.estimate_positions(
+            buffer,
+            make_options(module.Options, method, options),
+            power=power,
+            intensity=intensity,
+            progress=progress,
+        )
+        return result
     if buffer.second_layer is not None and not getattr(module, "SECOND_LAYER", False):
         raise InputError("second_layer", f"None for the method {method!r}", "given")
     chosen = make_options(module.Options, method, options)

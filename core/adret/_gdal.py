@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from adret._values import file_path
 from adret.errors import RasterError
 
 __all__ = ["GDAL_OPTIONS", "PathLike", "atomic", "check_output", "sniff_driver"]
@@ -43,7 +44,7 @@ def sniff_driver(path: PathLike, field: str = "path") -> tuple[str, str]:
         If the file is missing, is no regular file, or is neither GeoTIFF, Arc/Info ASCII grid
         nor PNG (VRT and other texts that make GDAL open further files are refused here).
     """
-    given = os.fspath(path)
+    given = file_path(field, path)
     _refuse_virtual(given, field)
     absolute = os.path.abspath(given)
     try:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from adret._values import real
 from adret.errors import InputError
 
 __all__ = ["MAX_HEIGHT", "above_datum", "checked_array"]
@@ -62,8 +63,9 @@ def above_datum(
             raise InputError("heights", "finite or NaN" if math.isinf(value) else limit, value)
     if datum is None:
         datum = float(round(low / 2.0 + high / 2.0))
-    elif not abs(datum) <= MAX_HEIGHT:
-        raise InputError("datum", f"a height within +-{MAX_HEIGHT:g} m", datum)
+    else:
+        limit = f"a height within +-{MAX_HEIGHT:g} m"
+        datum = real("datum", datum, limit, -MAX_HEIGHT, MAX_HEIGHT)
     heights = np.empty(values.shape, dtype=np.float32)
     for rows in blocks:
         np.subtract(metres(rows), float(datum), out=heights[rows], casting="same_kind")

@@ -44,7 +44,7 @@ def azimuth_set(directions: int = 64, azimuths: ArrayLike | None = None) -> NDAr
         return np.arange(directions, dtype=np.float64) * (2.0 * np.pi / int(directions))
     try:
         given = np.atleast_1d(np.asarray(azimuths, dtype=np.float64))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError("azimuths", "a list of real numbers", azimuths) from None
     if given.ndim != 1 or not 1 <= given.size <= MAX_DIRECTIONS:
         raise InputError(

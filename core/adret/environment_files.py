@@ -48,7 +48,10 @@ def read_radiance(path: str | os.PathLike[str]) -> Picture:
         with file.open("rb") as stream:
             start = stream.read(10)
     except OSError as error:
-        raise RasterError("environment", "a file that can be read", str(error)) from None
+        limit = f"a file that can be read ({error.strerror})"
+        raise RasterError("environment", limit, os.fspath(path)) from None
+    except ValueError:  # a NUL in the name
+        raise RasterError("environment", "the path of a file", os.fspath(path)) from None
     for magic, reader in _READERS:
         if start.startswith(magic):
             return reader(file)

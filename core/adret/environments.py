@@ -7,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from adret._values import file_path, real, whole
 from adret.environment_files import read_radiance
 from adret.errors import InputError, RasterError
 from adret.slices import LightSlice, NormalTableSlice, TableSlice
@@ -83,17 +84,12 @@ class Environment:
         normal_angles: int | None = None,
     ) -> None:
         picture = _checked_picture(radiance)
-        if not np.isfinite(rotation_deg):
-            raise InputError("rotation_deg", "a finite number", rotation_deg)
-        if normal_angles is not None and (
-            isinstance(normal_angles, bool)
-            or int(normal_angles) != normal_angles
-            or not 3 <= normal_angles <= MAX_NORMAL_ANGLES
-        ):
+        rotation = real("rotation_deg", rotation_deg, "a finite number")
+        if normal_angles is not None:
             limit = f"a whole number from 3 to {MAX_NORMAL_ANGLES}"
-            raise InputError("normal_angles", limit, normal_angles)
+            normal_angles = whole("normal_angles", normal_angles, limit, 3, MAX_NORMAL_ANGLES)
         self._picture = picture
-        self._rotation = float(np.radians(np.fmod(rotation_deg, 360.0)))
+        self._rotation = float(np.radians(np.fmod(rotation, 360.0)))
         self._normal_angles = normal_angles
 
     @classmethod
@@ -138,7 +134,7 @@ class Environment:
         3
         >>> folder.cleanup()
         """
-        place = Path(path)
+        place = Path(file_path("environment", path))
         picture = _read_cube(place) if place.is_dir() else read_radiance(place)
         if not np.isfinite(picture).all():
             raise RasterError("environment", "finite radiance in every pixel", place.name)

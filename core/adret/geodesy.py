@@ -68,7 +68,8 @@ def vertical_factor(unit: str) -> float:
     >>> vertical_factor("ft")
     0.3048
     """
-    factor = _FACTOR_OF.get(" ".join(unit.replace("_", " ").lower().split()))
+    name = unit if isinstance(unit, str) else ""
+    factor = _FACTOR_OF.get(" ".join(name.replace("_", " ").lower().split()))
     if factor is None:
         raise InputError("vertical_unit", "one of m, km, dm, cm, mm, ft, us-ft", unit)
     return factor
@@ -89,7 +90,7 @@ def parse_crs(crs: Any) -> "CRS | None":
 
     try:
         parsed = CRS.from_user_input(crs)
-    except CRSError:
+    except (CRSError, TypeError, ValueError):
         raise InputError("crs", "a coordinate reference system that PROJ knows", crs) from None
     if parsed.is_geocentric or _horizontal(parsed).is_vertical:
         raise InputError("crs", "geographic, projected or local", parsed.name)

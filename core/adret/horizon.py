@@ -4,13 +4,14 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from adret import methods
 from adret._kernels.frames import to_elevation
+from adret._values import one_of, real, whole
 from adret.azimuths import azimuth_set
 from adret.errors import InputError
 from adret.report import RunReport, remember
@@ -33,12 +34,6 @@ NEAR_DEFAULT = 32
 NEAR_MAX = 4096
 
 
-def _number(field: str, value: Any, low: float, high: float, limit: str) -> None:
-    real = isinstance(value, int | float | np.integer | np.floating)
-    if not real or isinstance(value, bool) or not low <= value <= high:
-        raise InputError(field, limit, value)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HorizonOptions:
     """How a horizon is found; see `horizon_map` for the meaning of each field.
@@ -58,24 +53,21 @@ class HorizonOptions:
 
     def __post_init__(self) -> None:
         """Refuse what no kernel can serve."""
-        if self.method not in get_args(Method):
-            raise InputError("method", f"one of {', '.join(get_args(Method))}", self.method)
-        limit = f"a whole number from 0 to {NEAR_MAX}"
-        _number("near", self.near, 0, NEAR_MAX, limit)
-        if self.near != int(self.near):
-            raise InputError("near", limit, self.near)
-        object.__setattr__(self, "near", int(self.near))
+        one_of("method", self.method, get_args(Method))
+        near = whole("near", self.near, f"a whole number from 0 to {NEAR_MAX}", 0, NEAR_MAX)
+        object.__setattr__(self, "near", near)
         if self.max_distance is not None:
             limit = "a distance above 0 m"
-            _number("max_distance", self.max_distance, 0.0, math.inf, limit)
-            if self.max_distance == 0.0:
+            if real("max_distance", self.max_distance, limit, 0.0, math.inf) == 0.0:
                 raise InputError("max_distance", limit, self.max_distance)
             if self.method == "hull":
                 raise InputError("max_distance", "None with method 'hull'", self.max_distance)
         if self.radius is not None:
-            _number("radius", self.radius, 1.0, 1e12, "a radius from 1 to 1e12 m, or None")
-        _number("refraction", self.refraction, -1.0, 1.0, "between -1 and 1")
-        _number("observer_height", self.observer_height, 0.0, 1e6, "between 0 and 1e6 m")
+            real("radius", self.radius, "a radius from 1 to 1e12 m, or None", 1.0, 1e12)
+        refraction = real("refraction", self.refraction, "between -1 and 1", -1.0, 1.0)
+        if refraction != 0.0 and self.radius is None:
+            raise InputError("refraction", "0 without a radius", self.refraction)
+        real("observer_height", self.observer_height, "between 0 and 1e6 m", 0.0, 1e6)
 
     @property
     def bend(self) -> float:
@@ -166,7 +158,8 @@ def horizon_map(
     radius : float, optional
         Radius of the planet [m], such as ``terrain.body_radius``; None for a flat one.
     refraction : float
-        Coefficient k of the ray's curvature, 0.13 or 1/7 on Earth, 0 without air. Needs `radius`.
+        Coefficient k of the ray's curvature, 0.13 or 1/7 on Earth, 0 without air; 0 without
+        `radius`.
     observer_height : float
         Height of the eye above the surface [m].
     distance : bool
@@ -332,6 +325,8 @@ def horizon_at(
     >>> np.degrees(adret.horizon_at(terrain, [0, 0], [0, 1], azimuths=[np.pi / 2])).round(2)
     array([[56.31, 71.57]], dtype=float32)
     """
+    if not isinstance(terrain, Terrain):
+        raise InputError("terrain", "a Terrain", type(terrain).__name__)
     options = HorizonOptions(
         method="exact",
         max_distance=max_distance,

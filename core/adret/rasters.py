@@ -5,6 +5,7 @@ against limits. Sidecar files (``.aux.xml``, ``.ovr``, ``.msk``, world files) ar
 """
 
 import math
+import operator
 import os
 import warnings
 from dataclasses import dataclass
@@ -149,7 +150,9 @@ def _read(
 ) -> HeightGrid:
     from rasterio.windows import Window
 
-    if isinstance(band, bool) or not 1 <= band <= source.count:
+    if not isinstance(band, int | np.integer) or isinstance(band, bool):
+        raise InputError("band", "a whole number", band)
+    if not 1 <= band <= source.count:
         raise RasterError("band", f"between 1 and {source.count}", band)
     shape = (int(source.height), int(source.width))
     dtype = str(source.dtypes[band - 1])
@@ -231,7 +234,9 @@ def _georeference(
 def _vertical(
     source: Any, band: int, crs: "CRS | None", vertical_unit: str | None
 ) -> tuple[str, float]:
-    unit = vertical_unit or source.units[band - 1] or geodesy.vertical_unit_of(crs) or "m"
+    unit = vertical_unit
+    if unit is None:
+        unit = source.units[band - 1] or geodesy.vertical_unit_of(crs) or "m"
     try:
         return unit, geodesy.vertical_factor(unit)
     except InputError as error:
@@ -259,14 +264,14 @@ def span(field: str, given: Any, size: int) -> tuple[int, int]:
         if isinstance(given, slice):
             if given.step not in (None, 1):
                 raise InputError(field, "without a step", given)
-            start = 0 if given.start is None else int(given.start)
-            stop = size if given.stop is None else int(given.stop)
+            start = 0 if given.start is None else operator.index(given.start)
+            stop = size if given.stop is None else operator.index(given.stop)
         else:
-            start, stop = (int(v) for v in given)
+            start, stop = (operator.index(v) for v in given)
     except (TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(field, "a slice or a pair (start, stop)", given) from None
+        raise InputError(field, "a slice or a pair (start, stop) of whole numbers", given) from None
     if not 0 <= start < stop <= size:
         raise InputError(field, f"start < stop within 0 to {size}", (start, stop))
     return start, stop

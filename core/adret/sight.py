@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from adret._kernels import sight as kernels
+from adret._values import real
 from adret.errors import InputError
 from adret.horizon import HorizonOptions
 from adret.terrain import Terrain
@@ -17,6 +18,7 @@ __all__ = [
     "SightGrid",
     "cell",
     "cells_at",
+    "check_terrain",
     "height_above_ground",
     "line_of_sight",
     "sight_options",
@@ -94,7 +96,7 @@ def line_of_sight(
     radius : float, optional
         Radius of the planet [m], such as ``terrain.body_radius``; None for a flat one.
     refraction : float
-        Coefficient k of the ray's curvature, 0.13 or 1/7 on Earth. Needs `radius`.
+        Coefficient k of the ray's curvature, 0.13 or 1/7 on Earth; 0 without `radius`.
 
     Returns
     -------
@@ -121,6 +123,7 @@ def line_of_sight(
     >>> sight.clearance
     array([ 10. ,   7.5, -25. ,   2.5,   0. ])
     """
+    check_terrain(terrain)
     options = sight_options(observer_height, None, radius, refraction)
     target_height = height_above_ground("target_height", target_height)
     grid = SightGrid(terrain, options)
@@ -200,15 +203,21 @@ def cells_at(terrain: Terrain, x: ArrayLike, y: ArrayLike) -> list[Cell]:
     >>> adret.cells_at(aletsch, 2_650_000.0, 1_150_000.0)
     [(172, 244)]
     """
+    check_terrain(terrain)
     transform = terrain.transform
     if transform is None:
         raise InputError("terrain", "georeferenced (with a transform)", repr(terrain))
     rows, columns = terrain.shape
     found = []
-    points = zip(*np.broadcast_arrays(np.atleast_1d(x), np.atleast_1d(y)), strict=True)
-    for east, north in points:
-        column = (float(east) - transform.c) / transform.a
-        row = (float(north) - transform.f) / transform.e
+    try:
+        easts, norths = np.broadcast_arrays(np.atleast_1d(x), np.atleast_1d(y))
+    except ValueError:
+        easts = norths = np.empty((0, 0))
+    if easts.ndim != 1 or easts.dtype.kind not in "iuf" or norths.dtype.kind not in "iuf":
+        raise InputError("coordinates", "numbers x and y, one each or as many of both", (x, y))
+    for east, north in zip(easts.tolist(), norths.tolist(), strict=True):
+        column = (east - transform.c) / transform.a
+        row = (north - transform.f) / transform.e
         if not (0.0 <= row < rows and 0.0 <= column < columns):
             raise InputError("coordinates", "inside the raster", (float(east), float(north)))
         found.append((math.floor(row), math.floor(column)))
@@ -223,8 +232,11 @@ def cell(field: str, given: Any, terrain: Terrain) -> Cell:
     InputError
         If it is none.
     """
-    pair = np.asarray(given)
-    if pair.shape != (2,) or pair.dtype.kind not in "iu":
+    try:
+        pair = np.asarray(given)
+    except ValueError:
+        pair = np.empty(0)
+    if pair.shape != (2,) or pair.dtype.kind not in "iu" or np.ma.is_masked(given):
         raise InputError(field, "a row and a column, whole numbers", given)
     row, column = int(pair[0]), int(pair[1])
     rows, columns = terrain.shape
@@ -237,15 +249,21 @@ def cell(field: str, given: Any, terrain: Terrain) -> Cell:
     return row, column
 
 
+def check_terrain(terrain: Any) -> None:
+    """Refuse what is no `Terrain`.
+
+    Raises
+    ------
+    InputError
+        Naming what was given.
+    """
+    if not isinstance(terrain, Terrain):
+        raise InputError("terrain", "a Terrain", type(terrain).__name__)
+
+
 def height_above_ground(field: str, value: Any) -> float:
     """A height that options may hold [m]."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(field, f"between 0 and {MAX_HEIGHT:g} m", value) from None
-    if not 0.0 <= number <= MAX_HEIGHT:
-        raise InputError(field, f"between 0 and {MAX_HEIGHT:g} m", value)
-    return number
+    return real(field, value, "between 0 and 1e6 m", 0.0, MAX_HEIGHT)
 
 
 def sight_options(

@@ -1,13 +1,13 @@
 """Skies: where the light comes from, and how much."""
 
 from dataclasses import dataclass
-from math import acos, asin, atan2, ceil, cos, hypot, isfinite, pi, radians, sin
+from math import acos, asin, atan2, ceil, cos, hypot, pi, radians, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
+from adret._values import real
 from adret.environments import Environment
-from adret.errors import InputError
 from adret.slices import LightSlice, SmoothSlice, TableSlice
 
 __all__ = ["Environment", "OvercastSky", "Sun", "UniformSky"]
@@ -20,8 +20,7 @@ MIN_DISC_RADIUS = 1e-6
 
 
 def _check_not_negative(field: str, value: float) -> None:
-    if not (isfinite(value) and value >= 0.0):
-        raise InputError(field, "a number of 0 or more", value)
+    real(field, value, "a number of 0 or more", 0.0)
 
 
 @dataclass(frozen=True)
@@ -133,14 +132,11 @@ class Sun:
     angular_diameter_deg: float = 0.533
 
     def __post_init__(self) -> None:
-        if not isfinite(self.azimuth_deg):
-            raise InputError("azimuth_deg", "a finite number", self.azimuth_deg)
-        if not -90.0 <= self.elevation_deg <= 90.0:
-            raise InputError("elevation_deg", "between -90 and 90", self.elevation_deg)
+        folded = real("azimuth_deg", self.azimuth_deg, "a finite number") % 360.0
+        real("elevation_deg", self.elevation_deg, "between -90 and 90", -90.0, 90.0)
         _check_not_negative("irradiance", self.irradiance)
-        if not 0.0 <= self.angular_diameter_deg <= 180.0:
-            raise InputError("angular_diameter_deg", "between 0 and 180", self.angular_diameter_deg)
-        folded = self.azimuth_deg % 360.0
+        diameter = self.angular_diameter_deg
+        real("angular_diameter_deg", diameter, "between 0 and 180", 0.0, 180.0)
         object.__setattr__(self, "azimuth_deg", folded if folded < 360.0 else 0.0)
 
     @property

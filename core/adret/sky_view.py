@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adret._kernels import horizon_integrals as kernels
+from adret._values import one_of, whole
 from adret.azimuths import azimuth_set
 from adret.errors import InputError
 from adret.horizon import HorizonMap, HorizonOptions, HorizonRun, Progress
@@ -87,8 +88,7 @@ def sky_view_factor(
     >>> round(float(adret.sky_view_factor(slope, "normal")[4, 4]), 4)
     0.8536
     """
-    if kind not in get_args(Kind):
-        raise InputError("kind", f"one of {', '.join(get_args(Kind))}", kind)
+    one_of("kind", kind, get_args(Kind))
     add: AddLayer
     if kind == "visible":
 
@@ -165,7 +165,7 @@ def openness(
     >>> adret.openness(plain)[4, 4], adret.openness(plain, -1)[4, 4]
     (np.float32(90.0), np.float32(90.0))
     """
-    if sign not in (1, -1):
+    if abs(whole("sign", sign, "1 or -1", -1, 1)) != 1:
         raise InputError("sign", "1 or -1", sign)
     if sign == -1:
         if not isinstance(x, Terrain):

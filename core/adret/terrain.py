@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from adret import _heights, geodesy, rasters
+from adret._values import real, whole
 from adret.errors import InputError
 from adret.geodesy import Band
 
@@ -240,8 +241,9 @@ class Terrain:
             (start, stop, (dx, dy)) covering all rows in order; one band, with the terrain's own
             cell size, where that is good enough. A window is cut where the whole raster is cut.
         """
-        if not 0.0 < max_azimuth_error <= 0.5:
-            raise InputError("max_azimuth_error", "above 0 and at most 0.5 rad", max_azimuth_error)
+        limit = "above 0 and at most 0.5 rad"
+        if real("max_azimuth_error", max_azimuth_error, limit, 0.0, 0.5) == 0.0:
+            raise InputError("max_azimuth_error", limit, max_azimuth_error)
         rows = self.shape[0]
         first, total = self._root_rows
         grid = self._grid
@@ -295,8 +297,7 @@ class Terrain:
         >>> part.shape, part.core
         ((3, 4), (slice(0, 2, None), slice(1, 3, None)))
         """
-        if isinstance(halo, bool) or int(halo) != halo or halo < 0:
-            raise InputError("halo", "a whole number of cells, 0 or more", halo)
+        halo = whole("halo", halo, "a whole number of cells, 0 or more", 0)
         row = rasters.span("rows", rows, self.shape[0])
         column = rasters.span("columns", cols, self.shape[1])
         top, left = max(row[0] - halo, 0), max(column[0] - halo, 0)
@@ -330,14 +331,12 @@ class Terrain:
 
 def _checked_cell_size(cell_size: Any) -> tuple[float, float]:
     try:
-        dx, dy = (float(v) for v in cell_size)
+        dx, dy = () if isinstance(cell_size, str | bytes) else tuple(cell_size)
     except (TypeError, ValueError):
         raise InputError("cell_size", "a pair of metres (dx, dy)", cell_size) from None
     low, high = CELL_LIMITS
-    for size in (dx, dy):
-        if not low <= size <= high:
-            raise InputError("cell_size", f"between {low:g} and {high:g} m", size)
-    return dx, dy
+    limit = f"between {low:g} and {high:g} m"
+    return real("cell_size", dx, limit, low, high), real("cell_size", dy, limit, low, high)
 
 
 def _checked_transform(transform: Any) -> "Affine | None":

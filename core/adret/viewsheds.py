@@ -9,10 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from adret._kernels import sight as kernels
+from adret._values import real
 from adret.errors import InputError
 from adret.horizon import HorizonOptions
 from adret.report import RunReport, remember
-from adret.sight import Cell, SightGrid, cell, height_above_ground, sight_options
+from adret.sight import (
+    Cell,
+    SightGrid,
+    cell,
+    check_terrain,
+    height_above_ground,
+    sight_options,
+)
 from adret.terrain import Terrain
 
 __all__ = ["Viewshed", "total_viewshed", "viewshed"]
@@ -91,7 +99,8 @@ def viewshed(
     radius : float, optional
         Radius of the planet [m], such as ``terrain.body_radius``; None for a flat one.
     refraction : float
-        Coefficient k of the ray's curvature, 0.13 or 1/7 on Earth, 0 without air. Needs `radius`.
+        Coefficient k of the ray's curvature, 0.13 or 1/7 on Earth, 0 without air; 0 without
+        `radius`.
     azimuth_range : (float, float), optional
         Azimuths [radians clockwise from grid north] that the observers look at: from the first,
         clockwise, to the second.
@@ -132,8 +141,7 @@ def viewshed(
     array([ 0. ,  0. ,  0. ,  0. , 12.5, 15. ], dtype=float32)
     """
     start = time.perf_counter()
-    if not isinstance(terrain, Terrain):
-        raise InputError("terrain", "a Terrain", type(terrain).__name__)
+    check_terrain(terrain)
     options = sight_options(observer_height, max_distance, radius, refraction)
     target_height = height_above_ground("target_height", target_height)
     azimuths = _azimuth_range(azimuth_range)
@@ -216,6 +224,7 @@ def total_viewshed(
     """
     from adret.visibility import intervisibility
 
+    check_terrain(terrain)
     return intervisibility(
         terrain,
         directions,
@@ -271,7 +280,7 @@ class _Run:
             eye,
             self.target_height,
             options.bend,
-            options.range**2 * (1.0 + 1e-12),
+            options.range * options.range * (1.0 + 1e-12),
             grid.slack(eye, self.target_height),
             octants,
             drops,
@@ -323,7 +332,8 @@ def _places(observers: object, terrain: Terrain) -> tuple[Cell, ...]:
         given = np.empty(0)
     if given.shape == (2,):
         given = given[np.newaxis]
-    if given.ndim != 2 or given.shape[1] != 2 or given.dtype.kind not in "iu":
+    whole = given.dtype.kind in "iu" and not np.ma.is_masked(observers)
+    if given.ndim != 2 or given.shape[1] != 2 or not whole:
         raise InputError("observers", "pairs of a row and a column, whole numbers", observers)
     if not 1 <= len(given) <= MAX_OBSERVERS:
         raise InputError("observers", f"from 1 to {MAX_OBSERVERS} cells", len(given))
@@ -332,11 +342,9 @@ def _places(observers: object, terrain: Terrain) -> tuple[Cell, ...]:
 
 def _numbers(field: str, limit: str, pair: Range) -> Range:
     try:
-        first, second = (float(value) for value in pair)
+        first, second = (real(field, value, limit) for value in pair)
     except (TypeError, ValueError):
         raise InputError(field, limit, pair) from None
-    if not (math.isfinite(first) and math.isfinite(second)):
-        raise InputError(field, limit, pair)
     return first, second
 
 
@@ -346,11 +354,12 @@ def _azimuth_range(given: Range | None) -> Range | None:
         return None
     limit = "two different azimuths in radians"
     first, second = _numbers("azimuth_range", limit, given)
-    if first == second:
-        raise InputError("azimuth_range", limit, given)
     if second - first >= math.tau:
         return None
-    return first % math.tau, (second - first) % math.tau
+    width = (second - first) % math.tau
+    if width == 0.0:
+        raise InputError("azimuth_range", limit, given)
+    return first % math.tau, width
 
 
 def _pitch_range(given: Range | None) -> Range | None:

@@ -196,8 +196,29 @@ def test_wrong_input_ends_with_one_line_and_no_file(run: Run, dem: Path, tmp_pat
         (["viewshed", dem, out], "observer: must be given at least once, as a cell or as a place"),
         (["viewshed", dem, out, "--observer", "3"], "observer: must be 2 numbers separated by"),
         (["viewshed", dem, out, "--observer", "3.5,1"], "observer: must be a whole number of at"),
-        (["viewshed", dem, out, "--observer", "30,1"], "observers: must be a cell between (0, 0)"),
-        (["viewshed", dem, out, "--at", "0,0"], "coordinates: must be inside the raster, got (0"),
+        (["viewshed", dem, out, "--observer", "30,1"], "observer: must be a cell between (0, 0)"),
+        (["viewshed", dem, out, "--at", "0,0"], "at: must be inside the raster, got (0.0, 0.0)"),
+        (["viewshed", dem, out, "--observer=1,-1"], "observer: must be a whole number of at least"),
+        (
+            ["viewshed", dem, out, "--observer", "1,1", "--azimuth-range", "360,0"],
+            "azimuth_range: must be two different azimuths, got (360.0, 0.0)",
+        ),
+        (
+            ["viewshed", dem, out, "--observer", "1,1", "--pitch-range", "10,-10"],
+            "pitch_range: must be two elevations, the lower one first, got (10.0, -10.0)",
+        ),
+        (
+            ["viewshed", dem, out, "--observer", "1,1", "--max-distance", "nan"],
+            "max_distance: must be a number above 0 m, got nan",
+        ),
+        (
+            ["viewshed", dem, out, "--observer", "1,1", "--target-height=-2"],
+            "target_height: must be a number between 0 and 1e+06 m, got -2.0",
+        ),
+        (
+            ["viewshed", dem, out, "--layer", "seen-by", *["--observer=1,1"] * 65],
+            "observer: must be at most 64 for layer seen-by, got 65",
+        ),
         (["bounce", dem, out], "sky: must be lit by at least one of sun, sky and environment"),
         (["bounce", dem, out, "--sky", "uniform", "--bounces", "0"], "bounces: must be a whole"),
         (["bounce", dem, out, "--sky", "uniform", "--bounces", "all"], "or converge, got 'all'"),

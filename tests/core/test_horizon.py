@@ -181,12 +181,14 @@ cell_sizes = st.sampled_from([(1.0, 1.0), (30.0, 30.0), (2.0, 3.0), (0.5, 20.0),
 horizon_options = st.fixed_dictionaries(
     {},
     optional={
-        "radius": st.sampled_from([6_371_000.0, 1_737_400.0, 5_000.0]),
-        "refraction": st.sampled_from([0.0, 0.13, 1 / 7]),
+        "body": st.fixed_dictionaries(
+            {"radius": st.sampled_from([6_371_000.0, 1_737_400.0, 5_000.0])},
+            optional={"refraction": st.sampled_from([0.0, 0.13, 1 / 7])},
+        ),
         "observer_height": st.sampled_from([0.0, 1.75, 40.0]),
         "max_distance": st.integers(0, 400).map(lambda n: 0.137 + n * 0.731),
     },
-)
+).map(lambda found: found.pop("body", {}) | found)
 
 
 @given(
@@ -370,6 +372,7 @@ def test_report_says_what_was_done() -> None:
         ("radius", {"radius": np.nan}),
         ("refraction", {"refraction": np.inf}),
         ("refraction", {"refraction": np.nan}),
+        ("refraction", {"refraction": 0.13}),
         ("observer_height", {"observer_height": np.nan}),
         ("observer_height", {"observer_height": -np.inf}),
         ("max_distance", {"method": "hull", "max_distance": 100.0}),

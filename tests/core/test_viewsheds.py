@@ -13,6 +13,8 @@ from affine import Affine
 import adret
 from adret import InputError, Terrain, cells_at, line_of_sight, total_viewshed, viewshed
 from adret._kernels import jit
+from adret.parameters import sights
+from adret.viewsheds import BITS
 from sight_oracle import seen_in_whole_numbers, sight
 
 
@@ -460,6 +462,7 @@ def test_the_last_of_64_observers_has_the_last_bit_and_the_65th_none() -> None:
     assert seen.dtype == np.uint64
     assert seen[0, 23] >> np.uint64(63) == 1  # observer 63 stands on column 23
     assert seen[0, 30] >> np.uint64(63) == 0
+    assert BITS == sights.BITS == 64
     more = viewshed(terrain, [*places, (0, 0)], max_distance=2.0)
     assert more.seen_by is None
     assert more.count[0, 0] == sum(i % 40 <= 2 for i in range(64)) + 1
@@ -504,8 +507,35 @@ def test_cells_hold_the_points_of_the_map(example_dem: Path) -> None:
     assert cells_at(terrain, transform.c, transform.f) == [(0, 0)]
     with pytest.raises(InputError, match="coordinates: must be inside the raster"):
         cells_at(terrain, transform.c + 358.0 * transform.a, float(y[2]))
+    for point in (("a", 1.0), (None, 1.0), (1j, 1.0), ([1.0, 2.0, 3.0], [1.0, 2.0]), ([[1.0]], 2)):
+        with pytest.raises(InputError, match="coordinates: must be numbers x and y"):
+            cells_at(terrain, *point)
+    with pytest.raises(InputError, match=r"coordinates: must be inside the raster, got \(nan"):
+        cells_at(terrain, math.nan, float(y[2]))
     with pytest.raises(InputError, match="terrain: must be georeferenced"):
         cells_at(terrain_of(np.zeros((2, 2))), 0.0, 0.0)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2)])
+def test_the_smallest_rasters_have_a_viewshed(shape: tuple[int, int]) -> None:
+    heights = np.arange(float(np.prod(shape))).reshape(shape) ** 2  # a bowl: nothing hides
+    terrain = terrain_of(heights)
+    for options in ({}, {"radius": 6e6}, {"max_distance": math.inf}, {"max_distance": 1e300}):
+        seen = viewshed(terrain, (0, 0), observer_height=0.0, **options)
+        assert seen.visible.all()
+        np.testing.assert_array_equal(seen.minimum_height, np.zeros(shape))
+    behind = viewshed(terrain, (0, 0), azimuth_range=(-1.0, 1.0), pitch_range=(-1.5, 1.5))
+    assert behind.visible.sum() == 1
+
+
+def test_a_range_of_azimuths_that_wraps_north_is_the_rest_of_the_circle() -> None:
+    terrain = terrain_of(np.zeros((21, 21)))
+    wide = viewshed(terrain, (10, 10), azimuth_range=(6.0, 0.5)).count
+    rest = viewshed(terrain, (10, 10), azimuth_range=(0.5, 6.0)).count
+    np.testing.assert_array_equal((wide + rest).ravel()[np.arange(441) != 220], 1)
+    assert wide[:10, 10].all()
+    for same in ((6.0 - math.tau, 0.5), (6.0, 0.5 + math.tau), (6.0 + 2 * math.tau, 0.5)):
+        np.testing.assert_array_equal(viewshed(terrain, (10, 10), azimuth_range=same).count, wide)
 
 
 @pytest.mark.parametrize(
@@ -518,16 +548,31 @@ def test_cells_hold_the_points_of_the_map(example_dem: Path) -> None:
         ([], {}, "observers: must be pairs of a row and a column"),
         ([(0, 0), (1,)], {}, "observers: must be pairs of a row and a column"),
         ((0, 0, 0), {}, "observers: must be pairs of a row and a column"),
+        ((True, False), {}, "observers: must be pairs of a row and a column"),
+        ((2**70, 0), {}, "observers: must be pairs of a row and a column"),
+        ([(0, 0), (math.nan, 1)], {}, "observers: must be pairs of a row and a column"),
+        (np.ma.array([0, 0], mask=[0, 1]), {}, "observers: must be pairs of a row and a column"),
+        ([(0, 0), (1, 1)], {}, r"observers: must be a cell that is not nodata, got \(1, 1\)"),
         ((0, 0), {"observer_height": -1.0}, "observer_height: must be between 0"),
         ((0, 0), {"target_height": math.nan}, "target_height: must be between 0"),
-        ((0, 0), {"target_height": "x"}, "target_height: must be between 0"),
+        ((0, 0), {"observer_height": math.nan}, "observer_height: must be between 0"),
+        ((0, 0), {"target_height": "x"}, "target_height: must be between 0 and 1e6 m, got 'x'"),
+        ((0, 0), {"target_height": -0.1}, "target_height: must be between 0 and 1e6 m, got -0.1"),
         ((0, 0), {"max_distance": 0.0}, "max_distance: must be a distance above 0"),
+        ((0, 0), {"max_distance": -math.inf}, "max_distance: must be a distance above 0"),
+        ((0, 0), {"max_distance": math.nan}, "max_distance: must be a distance above 0"),
         ((0, 0), {"radius": -5.0}, "radius: must be a radius"),
         ((0, 0), {"refraction": 2.0}, "refraction: must be between -1 and 1"),
+        ((0, 0), {"refraction": 0.13}, "refraction: must be 0 without a radius, got 0.13"),
         ((0, 0), {"azimuth_range": (1.0, 1.0)}, "azimuth_range: must be two different"),
         ((0, 0), {"azimuth_range": (1.0,)}, "azimuth_range: must be two different"),
+        ((0, 0), {"azimuth_range": (math.tau, 0.0)}, "azimuth_range: must be two different"),
+        ((0, 0), {"azimuth_range": "12"}, "azimuth_range: must be two different"),
+        ((0, 0), {"azimuth_range": (True, 2.0)}, "azimuth_range: must be two different"),
         ((0, 0), {"azimuth_range": (0.0, math.inf)}, "azimuth_range: must be two different"),
         ((0, 0), {"pitch_range": (0.5, 0.2)}, "pitch_range: must be two elevations"),
+        ((0, 0), {"pitch_range": (0.5, 0.5)}, "pitch_range: must be two elevations"),
+        ((0, 0), {"pitch_range": (math.nan, 0.2)}, "pitch_range: must be two elevations"),
         ((0, 0), {"pitch_range": (-2.0, 0.2)}, "pitch_range: must be two elevations"),
     ],
 )
@@ -546,6 +591,7 @@ def test_a_line_of_sight_needs_two_cells_with_data() -> None:
         ((0, 0), (0, 0), r"b: must be another cell than \(0, 0\)"),
         ((0, 9), (0, 0), "a: must be a cell between"),
         ((0, 0), (1, 1), "b: must be a cell that is not nodata"),
+        ((0, 0), [[2], [2, 3]], "b: must be a row and a column, whole numbers"),
     ]:
         with pytest.raises(InputError, match=message):
             line_of_sight(terrain, a, b)

@@ -344,6 +344,12 @@ def test_validated_inputs_rebuild_the_librarys_parameters() -> None:
         ({"observer": [[1, -2]]}, "inputs.observer.0.1"),
         ({"observer": []}, "inputs.observer"),
         ({"at": [[1.0, "x"]]}, "inputs.at.0.1"),
+        ({"observer": [[1, 1]], "azimuth_range_deg": [360, 0]}, "inputs.azimuth_range_deg"),
+        ({"observer": [[1, 1]], "pitch_range_deg": [10, -10]}, "inputs.pitch_range_deg"),
+        ({"observer": [[1, 1]], "max_distance": 0}, "inputs.max_distance"),
+        ({"observer": [[1, 1]], "observer_height": float("nan")}, "inputs.observer_height"),
+        ({"observer": [[1, 1]], "refraction": 0.13}, "inputs.refraction"),
+        ({"observer": [[1, 1]] * 65, "layer": "seen-by"}, "inputs.observer"),
     ],
 )
 def test_observers_are_checked_one_by_one(inputs: dict[str, Any], field: str) -> None:

@@ -38,6 +38,12 @@ class BodyParameters(Parameters):
         maximum=1.0,
     )
 
+    def __post_init__(self) -> None:
+        """Check that air bends light over a body."""
+        super().__post_init__()
+        if self.refraction != 0.0 and self.radius is None and not self.curvature:
+            raise InputError("refraction", "0 without curvature", self.refraction)
+
 
 @dataclass(frozen=True, kw_only=True)
 class RayParameters(BodyParameters):

@@ -9,6 +9,9 @@ from adret.parameters.specification import option
 
 __all__ = ["ViewshedParameters", "VisibilityParameters"]
 
+BITS = 64
+"""Observers that a bit field can name."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ViewshedParameters(BodyParameters):
@@ -54,10 +57,17 @@ class ViewshedParameters(BodyParameters):
     def __post_init__(self) -> None:
         """Check that somebody looks, and somewhere."""
         super().__post_init__()
-        if self.observer is None and self.at is None:
+        observers = len(self.observer or ()) + len(self.at or ())
+        if observers == 0:
             raise InputError("observer", "given at least once, as a cell or as a place (at)", None)
+        if self.layer == "seen-by" and observers > BITS:
+            raise InputError("observer", f"at most {BITS} for layer seen-by", observers)
         azimuths = self.azimuth_range_deg
-        if azimuths is not None and azimuths[0] == azimuths[1]:
+        if (
+            azimuths is not None
+            and azimuths[1] - azimuths[0] < 360.0
+            and (azimuths[1] - azimuths[0]) % 360.0 == 0.0
+        ):
             raise InputError("azimuth_range_deg", "two different azimuths", azimuths)
         pitches = self.pitch_range_deg
         if pitches is not None and not pitches[0] < pitches[1]:

@@ -63,8 +63,6 @@ def body_options(terrain: "Terrain", parameters: BodyParameters) -> dict[str, An
         radius = terrain.body_radius
         if radius is None:
             raise InputError("radius", "given for curvature (the raster names no body)", None)
-    if radius is None and parameters.refraction != 0.0:
-        raise InputError("refraction", "0 without curvature", parameters.refraction)
     return {
         "max_distance": parameters.max_distance,
         "radius": radius,

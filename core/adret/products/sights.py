@@ -31,15 +31,18 @@ BRIGHT, DARK, NOTHING = 0, 2, 3
 def viewshed(
     terrain: "Terrain", parameters: ViewshedParameters, progress: Progress | None
 ) -> Result:
-    from adret.sight import cells_at
+    from adret.sight import cell, cells_at
     from adret.viewsheds import BITS
     from adret.viewsheds import viewshed as viewshed_of
 
-    observers = list(parameters.observer or ())
+    observers = [cell("observer", each, terrain) for each in parameters.observer or ()]
     for x, y in parameters.at or ():
-        observers += cells_at(terrain, x, y)
-    if parameters.layer == "seen-by" and len(observers) > BITS:
-        raise InputError("observer", f"at most {BITS} for layer seen-by", len(observers))
+        try:
+            (place,) = cells_at(terrain, x, y)
+        except InputError as error:
+            field = "at" if error.field == "coordinates" else error.field
+            raise InputError(field, error.limit, error.value) from None
+        observers.append(cell("at", place, terrain))
     found = viewshed_of(
         terrain,
         observers,

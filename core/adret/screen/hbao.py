@@ -119,6 +119,7 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
 
     Examples
     --------
+    >>> import numpy as np
     >>> from adret import Camera, DepthBuffer, ambient_occlusion
     >>> wall = DepthBuffer(np.full((8, 8), 3.0), Camera.perspective(8, 8, fov_y_deg=60.0))
     >>> ambient_occlusion(wall, method="hbao", radius=1.0).occlusion.max()

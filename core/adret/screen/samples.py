@@ -22,7 +22,7 @@ FAILURES = 100
 MAX_SAMPLES = 4096
 
 
-def disk_samples(count: int, seed: int = 0) -> Samples:
+def disk_samples(count: int, seed: int = 0, *, stratified: bool = False) -> Samples:
     """Poisson-disk points in the unit disk: every pair is kept apart.
 
     Parameters
@@ -31,6 +31,8 @@ def disk_samples(count: int, seed: int = 0) -> Samples:
         Number of points, 1 or more.
     seed : int
         0 or more; the same seed gives the same points.
+    stratified : bool
+        Move each point along its radius into a ring of its own; the rings have equal areas.
 
     Returns
     -------
@@ -58,7 +60,11 @@ def disk_samples(count: int, seed: int = 0) -> Samples:
     radius = np.where(wide, x, y)
     ratio = np.where(wide, y, x) / np.where(radius == 0.0, 1.0, radius)
     angle = np.where(wide, 0.25 * np.pi * ratio, 0.5 * np.pi - 0.25 * np.pi * ratio)
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    length = np.abs(radius)
+    if stratified:
+        length = np.sqrt((np.argsort(np.argsort(length)) + 0.5) / length.size)
+    length = np.copysign(length, radius)
+    return np.stack([length * np.cos(angle), length * np.sin(angle)], axis=1)
 
 
 def square_samples(sampler: str, count: int, seed: int = 0) -> Samples:

@@ -88,6 +88,11 @@ class Options(Base):
     relief: Relief | None = option(  # noqa: RUF009
         None, "A height field on the surface that occludes as well, for containment"
     )
+    disk: Literal["poisson", "stratified"] = option(
+        "poisson",
+        "Pipes' places: kept apart, as published; stratified: moved so that each lies in a ring of "
+        "the same area, which makes both normalisations agree",
+    )
     tile: int = option(
         4, "Side of the tile of turned samples that repeats over the image", minimum=1, maximum=64
     )
@@ -180,7 +185,8 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     """
     nearness = nearness_of(field)
     if options.estimator == "pipes":
-        samples = _turned(disk_samples(options.samples, options.seed), options)
+        disk = disk_samples(options.samples, options.seed, stratified=options.disk != "poisson")
+        samples = _turned(disk, options)
 
         def fill(part: tuple[int, int, int, int], occlusion: Layer, confidence: Layer) -> None:
             pipes(
@@ -245,8 +251,9 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
 
 
 def _turned(points: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """The points turned about their third axis, for each pixel of the tile."""
-    angles = 2.0 * np.pi * np.random.default_rng(options.seed + 2).random(options.tile**2)
+    """The points turned about their third axis, by equally spaced angles in no order."""
+    count = options.tile**2
+    angles = 2.0 * np.pi * np.random.default_rng(options.seed + 2).permutation(count) / count
     cosine, sine = np.cos(angles)[:, None], np.sin(angles)[:, None]
     x, y, rest = points[:, 0], points[:, 1], points[:, 2:]
     turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)

@@ -65,7 +65,7 @@ def horizons_of_row(
     turn = 2.0 * np.pi / directions
     cosines = np.cos(turn * np.arange(directions))
     sines = np.sin(turn * np.arange(directions))
-    diagonal = np.hypot(rows, columns)
+    diagonal = np.hypot(rows * ay, columns * ax)
     cos_bias, sin_bias = np.cos(bias), np.sin(bias)
     radius2 = radius * radius
     for column in range(column0, column1):
@@ -81,9 +81,10 @@ def horizons_of_row(
             n_right = np.float64(normal[0, row, column])
             n_up = np.float64(normal[1, row, column])
             n_back = max(np.float64(normal[2, row, column]), 1e-4)
-            # Half axes of the projected radius [pixels]; the frame bounds what can be met.
-            wide = min(radius / (grow * ax), diagonal)
-            high = min(radius / (grow * -ay), diagonal)
+            # Half axes of the projected radius [pixels]; the image bounds what can be met.
+            reach = min(radius, diagonal * grow)
+            wide = reach / (grow * ax)
+            high = reach / (grow * -ay)
             long = max(wide, high)
             count = np.int64(long / spacing) if spacing > 0.0 else min(steps, np.int64(long))
             first_cosine, first_sine, shift = 1.0, 0.0, 0.0

@@ -5,12 +5,13 @@ difference between a tool and the exact line of sight is one between its rule an
 """
 
 import ctypes
-import os
+import json
 import resource
 import shutil
 import subprocess
+import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -74,34 +75,44 @@ def gdal(
             return np.asarray(result.read(1) == 255), spent
 
 
-def grass(dem: Path, x: float, y: float, eye: float, target: float = 0.0) -> tuple[Mask, float]:
-    """GRASS `r.viewshed` on a flat earth, in memory, and its CPU time without what GRASS costs."""
-    program = shutil.which("grass") or "grass"
+GRASS = """
+import json, resource, subprocess, sys
+
+def run(*command):
+    subprocess.run(command, check=True, capture_output=True)
+
+def spent():
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+dem, folder = sys.argv[1:3]
+run("r.external", f"input={dem}", "output=dem", "-o")
+run("g.region", "raster=dem")
+times = []
+for i, (x, y, eye, target) in enumerate(json.loads(sys.argv[3])):
+    options = [f"coordinates={x},{y}", f"observer_elevation={eye}", f"target_elevation={target}"]
+    start = spent()
+    run("r.viewshed", "-b", "input=dem", f"output=seen{i}", "memory=4000", *options)
+    times.append(spent() - start)
+    run("r.out.gdal", f"input=seen{i}", f"output={folder}/{i}.tif", "type=Byte", "-f")
+with open(f"{folder}/times.json", "w") as file:
+    json.dump(times, file)
+"""
+
+
+def grass(
+    dem: Path, views: Sequence[tuple[float, float, float, float]]
+) -> tuple[list[Mask], list[float]]:
+    """GRASS `r.viewshed` on a flat earth, in memory, and its CPU time, for (x, y, eye, target)."""
     with tempfile.TemporaryDirectory() as folder:
-        project = f"{folder}/project"
-
-        def run(*command: str, create: bool = False) -> None:
-            start = ["-c", str(dem), project] if create else [f"{project}/PERMANENT"]
-            subprocess.run(
-                [program, *start, "--exec", *command],
-                check=True,
-                capture_output=True,
-                text=True,
-                env={**os.environ, "GRASS_OVERWRITE": "1"},
-            )
-
-        run("r.external", f"input={dem}", "output=dem", "-o", create=True)
-        run("g.region", "raster=dem")
-        options = [f"coordinates={x},{y}", f"observer_elevation={eye}"]
-        options += [f"target_elevation={target}", "memory=4000"]
-        before = cpu_seconds(resource.RUSAGE_CHILDREN)
-        run("g.version")
-        between = cpu_seconds(resource.RUSAGE_CHILDREN)
-        run("r.viewshed", "-b", "input=dem", "output=seen", *options)
-        spent = cpu_seconds(resource.RUSAGE_CHILDREN) - between - (between - before)
-        run("r.out.gdal", "input=seen", f"output={folder}/seen.tif", "type=Byte", "-f")
-        with rasterio.open(f"{folder}/seen.tif") as result:
-            return np.asarray(result.read(1) == 1), spent
+        command = ["grass", "-c", str(dem), f"{folder}/project", "--exec", sys.executable, "-c"]
+        command += [GRASS, str(dem), folder, json.dumps(views)]
+        subprocess.run(command, check=True, capture_output=True, text=True)
+        masks = []
+        for i in range(len(views)):
+            with rasterio.open(f"{folder}/{i}.tif") as result:
+                masks.append(np.asarray(result.read(1) == 1))
+        return masks, json.loads(Path(folder, "times.json").read_text())
 
 
 # ---------------------------------------------------------------- their rules

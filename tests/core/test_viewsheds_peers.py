@@ -38,7 +38,10 @@ def seen_by(tool: str, z: np.ndarray, folder: Path) -> np.ndarray:
     dem = save(folder / "dem.tif", np.where(np.isnan(z), np.float32(-9999.0), z), nodata=-9999.0)
     x = NORTH_UP.c + NORTH_UP.a * (PLACE[1] + 0.5)
     y = NORTH_UP.f + NORTH_UP.e * (PLACE[0] + 0.5)
-    return {"gdal": sight_peers.gdal, "grass": sight_peers.grass}[tool](dem, x, y, EYE)[0]
+    if tool == "gdal":
+        return sight_peers.gdal(dem, x, y, EYE)[0]
+    (seen,), _ = sight_peers.grass(dem, [(x, y, EYE, 0.0)])
+    return seen
 
 
 def exact(z: np.ndarray) -> adret.Viewshed:

@@ -6,6 +6,7 @@ The same input gives the same bytes: nothing in the file hangs on the time or on
 import errno
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from shutil import disk_usage
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,7 @@ from adret.errors import InputError
 if TYPE_CHECKING:
     from adret.terrain import Terrain
 
-__all__ = ["write"]
+__all__ = ["PixelGrid", "write"]
 
 BLOCK = 512
 # Layers beyond this many bytes pass through a file beside the output instead of memory.
@@ -30,10 +31,20 @@ Layers = NDArray[Any] | Iterable[tuple[int, NDArray[Any]]]
 Progress = Callable[[int, int], None]
 
 
+@dataclass(frozen=True, slots=True)
+class PixelGrid:
+    """Where an image's pixels lie: nowhere on Earth, one unit apart."""
+
+    shape: tuple[int, int]
+    cell_size: tuple[float, float] = (1.0, 1.0)
+    crs: None = None
+    transform: None = None
+
+
 def write(
     path: PathLike,
     layers: Layers,
-    terrain: "Terrain",
+    terrain: "Terrain | PixelGrid",
     *,
     names: Sequence[str],
     unit: str,
@@ -56,9 +67,9 @@ def write(
     layers : ndarray or iterable
         Shape (bands, rows, columns) or (rows, columns); or pairs (index, layer) in any order, each
         used before the next is taken, so that they may share a buffer.
-    terrain : Terrain
-        Gives CRS and geotransform. Without a transform the file gets one in metres from its
-        south-west corner.
+    terrain : Terrain or PixelGrid
+        Gives CRS and geotransform. Without a transform the file gets one in metres (of an image:
+        pixels) from its south-west corner.
     names : sequence of str
         Description of each band.
     unit : str
@@ -230,7 +241,7 @@ def _encoder(
     return encode
 
 
-def _transform(terrain: "Terrain") -> Any:
+def _transform(terrain: "Terrain | PixelGrid") -> Any:
     if terrain.transform is not None:
         return terrain.transform
     from affine import Affine

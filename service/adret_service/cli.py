@@ -60,8 +60,8 @@ def worker(
 
 
 def submit(
-    dem: Annotated[Path, typer.Argument(help="Elevation raster to send.")],
-    process: Annotated[str, typer.Option(help="horizon, sky-view, openness, shadow or light.")],
+    dem: Annotated[Path, typer.Argument(help="Elevation raster or depth buffer to send.")],
+    process: Annotated[str, typer.Option(help="horizon, sky-view, light, viewshed, ssao, ...")],
     out: Annotated[Path, typer.Option("--out", "-o", help="GeoTIFF to write.")],
     directions: Annotated[int | None, typer.Option(help="Number of azimuths.")] = None,
     option: Annotated[
@@ -69,6 +69,9 @@ def submit(
         typer.Option("--input", "-i", help="Another input of the process, as name=value in JSON."),
     ] = None,
     preview: Annotated[Path | None, typer.Option(help="PNG to write as well.")] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="Camera file: what is sent is a depth buffer.")
+    ] = None,
     url: Annotated[
         str, typer.Option(envvar="ADRET_URL", help="Address of the service.")
     ] = "http://127.0.0.1:8000",
@@ -79,7 +82,7 @@ def submit(
 
     try:
         inputs = parse_inputs(directions, option or [])
-        run_submit(url, dem, process, inputs, out, preview, overwrite=overwrite)
+        run_submit(url, dem, process, inputs, out, preview, camera, overwrite=overwrite)
     except ClientError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(2) from None

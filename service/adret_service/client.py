@@ -44,8 +44,16 @@ class Client:
         """Close the connections."""
         self._http.close()
 
-    def upload(self, dem: Path, sent: Callable[[int], None] = lambda _: None) -> str:
-        """Send a raster and return the id of its dataset; `sent` gets the bytes of each piece."""
+    def upload(
+        self,
+        dem: Path,
+        sent: Callable[[int], None] = lambda _: None,
+        camera: str | None = None,
+    ) -> str:
+        """Send a raster and return the id of its dataset; `sent` gets the bytes of each piece.
+
+        With the text of a camera's JSON object it is a depth buffer.
+        """
 
         def pieces() -> Iterator[bytes]:
             with dem.open("rb") as file:
@@ -59,7 +67,8 @@ class Client:
             "Content-Length": str(dem.stat().st_size),
             "Content-Disposition": f'attachment; filename="{name}"',
         }
-        answer = self._ask("POST", "/uploads", content=pieces(), headers=headers)
+        query = {} if camera is None else {"camera": camera}
+        answer = self._ask("POST", "/uploads", params=query, content=pieces(), headers=headers)
         return str(answer.json()["id"])
 
     def submit(self, process: str, inputs: dict[str, Any]) -> str:
@@ -182,18 +191,20 @@ def run_submit(
     inputs: dict[str, Any],
     out: Path,
     preview: Path | None,
+    camera: Path | None = None,
     *,
     overwrite: bool,
 ) -> None:
     """Upload, submit, wait and fetch, with a bar for each; an interrupt cancels the job."""
     check_paths(dem, [path for path in (out, preview) if path is not None], overwrite)
+    seen = None if camera is None else camera_text(camera)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
     client = Client(url)
     job = None
     try:
         with Progress(*columns, DownloadColumn(), console=Console(stderr=True)) as bars:
             sending = bars.add_task(f"send {dem.name}", total=dem.stat().st_size)
-            dataset = client.upload(dem, lambda n: bars.advance(sending, n))
+            dataset = client.upload(dem, lambda n: bars.advance(sending, n), seen)
         with Progress(*columns, console=Console(stderr=True)) as bars:
             job = client.submit(process, {"dataset": dataset, **inputs})
             running = bars.add_task("accepted", total=100)
@@ -225,6 +236,17 @@ def run_submit(
         raise
     finally:
         client.close()
+
+
+def camera_text(path: Path) -> str:
+    """Return a camera file as short JSON."""
+    try:
+        members = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ClientError(f"camera: must be a JSON file, got {path} ({error})") from None
+    if not isinstance(members, dict):
+        raise ClientError(f"camera: must be a JSON object, got {type(members).__name__}")
+    return json.dumps(members, separators=(",", ":"))
 
 
 def cancel_quietly(client: Client, job: str) -> None:

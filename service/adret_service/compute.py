@@ -133,11 +133,11 @@ def run(order: dict[str, Any], cancelled: threading.Event, answer: Any) -> dict[
     folder = Path(order["folder"])
     product = products.PRODUCTS[order["process"]]
     parameters = processes.parameters(order["process"], order["inputs"])
-    terrain = read_dataset(Path(order["raster"]), order["info"])
+    source = read_dataset(Path(order["raster"]), order["info"])
     progress(0, 1)
     products.run(
         product,
-        terrain,
+        source,
         parameters,
         folder / RESULT,
         preview_path=folder / PREVIEW,

@@ -19,7 +19,9 @@ from rasterio.errors import RasterioError
 
 from adret import rasters
 from adret.errors import InputError, RasterError
+from adret.screen import DepthBuffer
 from adret.terrain import Terrain
+from adret_service.depths import decode_depth, read_depth_dataset
 from adret_service.storage import HEIGHTS, UPLOAD
 
 __all__ = ["child", "read_dataset", "send_drivers"]
@@ -48,7 +50,7 @@ def child(answer: int, folder: str, limits: dict[str, Any], options: dict[str, A
         memory [bytes], seconds, file_bytes, max_pixels, max_dim, max_bands, max_block_bytes,
         max_ratio, ratio_floor_bytes, drivers (all names of this build).
     options : dict
-        band, cell_size, vertical_unit, as `Terrain.open` takes them.
+        band, cell_size, vertical_unit, as `Terrain.open` takes them; camera of a depth buffer.
     """
     confine(folder, limits)
     try:
@@ -90,6 +92,8 @@ def confine(folder: str, limits: dict[str, Any]) -> None:
 
 def decode(limits: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
     """Check, read and write again; the folder of the upload is the current one."""
+    if options["camera"] is not None:
+        return decode_depth(Path(UPLOAD), Path(HEIGHTS), options["camera"], limits)
     source = check_header(limits)
     cell_size = None if options["cell_size"] is None else tuple(options["cell_size"])
     grid = rasters.open_heights(
@@ -109,6 +113,7 @@ def decode(limits: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
     write(terrain)
     low, high = np.nanmin(terrain.heights), np.nanmax(terrain.heights)
     return {
+        "kind": "terrain",
         "rows": terrain.shape[0],
         "columns": terrain.shape[1],
         "cell_size": list(terrain.cell_size),
@@ -175,8 +180,8 @@ def write(terrain: Terrain) -> None:
         target.write(terrain.heights, 1)
 
 
-def read_dataset(path: Path, info: dict[str, Any]) -> Terrain:
-    """Return the terrain that the child wrote, equal to the one it had read.
+def read_dataset(path: Path, info: dict[str, Any]) -> Terrain | DepthBuffer:
+    """Return the terrain or the depth buffer that the child wrote, equal to what it had read.
 
     Parameters
     ----------
@@ -185,6 +190,8 @@ def read_dataset(path: Path, info: dict[str, Any]) -> Terrain:
     info : dict
         What the child sent: a GeoTIFF cannot carry every reference system exactly, this does.
     """
+    if info.get("kind") == "depth":
+        return read_depth_dataset(path, info)
     with rasterio.Env(**rasters.GDAL_OPTIONS), rasterio.open(path, driver="GTiff") as source:
         heights = source.read(1).astype(np.float64)
     heights += info["datum"]

@@ -93,26 +93,38 @@ class ResultReference(Document):
 
 
 class DatasetDocument(Document):
-    """An elevation model in the service; heights are metres."""
+    """An elevation model in the service, heights in metres; or a depth buffer with its camera."""
 
     id: str
     name: str
     sha256: str = Field(description="Digest of the upload, and of how it was to be read.")
     size: int = Field(description="Bytes uploaded.")
     created: str
+    kind: Literal["terrain", "depth"] = "terrain"
     rows: int
     columns: int
-    cell_size: list[float] = Field(description="Ground width and height of a cell [m].")
-    crs: str | None = Field(description="WKT.")
-    crs_name: str | None
-    epsg: int | None
-    transform: list[float] | None = Field(
-        description="a, b, c, d, e, f: x = a column + b row + c, y = d column + e row + f."
-    )
-    lowest: float
-    highest: float
-    nodata_cells: int
     links: list[Link]
+    cell_size: list[float] | None = Field(
+        default=None, description="Ground width and height of a cell [m]."
+    )
+    crs: str | None = Field(default=None, description="WKT.")
+    crs_name: str | None = None
+    epsg: int | None = None
+    transform: list[float] | None = Field(
+        default=None,
+        description="a, b, c, d, e, f: x = a column + b row + c, y = d column + e row + f.",
+    )
+    lowest: float | None = None
+    highest: float | None = None
+    nodata_cells: int | None = None
+    camera: dict[str, Any] | None = Field(default=None, description="Of a depth buffer.")
+    guard_band: list[int] | None = Field(
+        default=None, description="Pixels at top, right, bottom, left that only occlude."
+    )
+    nearest: float | None = Field(default=None, description="Least depth [view units].")
+    farthest: float | None = Field(default=None, description="Largest depth [view units].")
+    sky_pixels: int | None = None
+    hole_pixels: int | None = None
 
 
 class DatasetList(Document):

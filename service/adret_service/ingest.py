@@ -43,6 +43,13 @@ class ReadOptions(BaseModel):
     vertical_unit: str | None = Field(
         default=None, max_length=32, description="Unit of the heights, if not the file's own."
     )
+    camera: str | None = Field(
+        default=None,
+        max_length=8192,
+        description="The file is a depth buffer that this camera saw: a JSON object with width, "
+        "height, fov_y_deg (or fx, fy, cx, cy, or extent), kind (linear, distance, device), "
+        "near, far, guard_band and so on.",
+    )
 
 
 class Ingest:
@@ -114,6 +121,7 @@ class Ingest:
             "max_block_bytes": settings.max_block_bytes,
             "max_ratio": settings.max_ratio,
             "ratio_floor_bytes": settings.ratio_floor_bytes,
+            "exr": settings.allow_exr,
         }
         asked = options.model_dump()
         if options.cell_size is not None and len(options.cell_size) == 1:

@@ -22,10 +22,15 @@ from adret.products import PRODUCTS
 from adret_service.datasets import GEOTIFF
 from adret_service.problems import FieldError, field_error, invalid
 
-__all__ = ["description", "names", "parameters", "summary", "validated"]
+__all__ = ["description", "names", "parameters", "reads", "summary", "validated"]
 
 # Nothing a client sends may become a path; these only matter beside an environment map's.
 WITHHELD = {"environment_rotation_deg", "normal_angles"}
+
+DATASETS = {
+    "terrain": "The elevation model: its id.",
+    "depth": "The depth buffer, which was uploaded with its camera: its id.",
+}
 
 OUTPUTS: dict[str, dict[str, Any]] = {
     "result": {
@@ -52,6 +57,11 @@ OUTPUTS: dict[str, dict[str, Any]] = {
 def names() -> list[str]:
     """Return the ids of all processes."""
     return list(PRODUCTS)
+
+
+def reads(name: str) -> str:
+    """Return the kind of dataset that a process takes: "terrain" or "depth"."""
+    return PRODUCTS[name].reads
 
 
 def summary(name: str) -> dict[str, Any]:
@@ -116,7 +126,7 @@ def _model(name: str) -> type[BaseModel]:
     dataset = Annotated[
         str,
         Strict(),
-        Field(pattern="^[0-9a-hjkmnp-tv-z]{26}$", description="The elevation model: its id."),
+        Field(pattern="^[0-9a-hjkmnp-tv-z]{26}$", description=DATASETS[reads(name)]),
     ]
     fields: dict[str, Any] = {"dataset": (dataset, ...)}
     for spec in specifications(PRODUCTS[name].parameters):

@@ -65,6 +65,7 @@ class Settings(BaseSettings):
     max_block_bytes: int = Field(default=64 * MIB, ge=1)
     max_ratio: float = Field(default=200.0, gt=1)
     ratio_floor_bytes: int = Field(default=64 * MIB, ge=0)
+    allow_exr: bool = False
     ingest_memory: int = Field(default=4 * GIB, ge=256 * MIB)
     ingest_timeout: float = Field(default=120.0, gt=0)
     ingest_slots: int = Field(default=2, ge=1)

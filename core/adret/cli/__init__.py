@@ -26,6 +26,7 @@ COMMANDS = (
     "bounce",
     "viewshed",
     "visibility",
+    "ssao",
 )
 # Commands that other packages bring, and the extra that installs them.
 EXTRAS = {"serve": "service", "worker": "service", "submit": "service"}

@@ -9,7 +9,7 @@ import typer
 from adret.errors import InputError
 from adret.parameters import Parameters, Specification, specifications
 
-__all__ = ["command", "numbers", "option_name"]
+__all__ = ["DEPTH", "TERRAIN", "command", "numbers", "option_name"]
 
 _METAVAR = {
     "integer": "N",
@@ -20,14 +20,25 @@ _METAVAR = {
     "points": "X,Y",
 }
 
-# Options of every product's command: name, kind, metavar, help.
-_COMMON: tuple[tuple[str, Any, Any, str | None, str], ...] = (
+Common = tuple[str, Any, Any, str | None, str]
+
+# Options of every product's command: name, kind, default, metavar, help.
+_COMMON: tuple[Common, ...] = (
     ("preview", str | None, None, "PNG", "Write a picture as well."),
+    ("threads", str | None, None, "N", "Threads to use; default: all."),
+    ("overwrite", bool, False, None, "Replace files that exist."),
+)
+
+# Options of those that read a terrain, and of those that read a depth buffer.
+TERRAIN: tuple[Common, ...] = (
     ("band", str, "1", "N", "Band that holds the heights."),
     ("cell_size", str | None, None, "DX,DY", "Metres a cell, for files that do not say it."),
     ("vertical_unit", str | None, None, "UNIT", "Unit of the heights: m, ft, us-ft, ..."),
-    ("threads", str | None, None, "N", "Threads to use; default: all."),
-    ("overwrite", bool, False, None, "Replace files that exist."),
+)
+DEPTH: tuple[Common, ...] = (
+    ("camera", str, ..., "JSON", "Camera that saw the depths."),
+    ("kind", str | None, None, "KIND", "linear, distance or device; default: as the camera says."),
+    ("guard_band", str | None, None, "N", "Pixels at each side that only occlude."),
 )
 
 
@@ -37,7 +48,11 @@ def option_name(field: str) -> str:
 
 
 def command(
-    name: str, parameters: type[Parameters], text: str, action: Callable[..., None]
+    name: str,
+    parameters: type[Parameters],
+    text: str,
+    action: Callable[..., None],
+    source: tuple[Common, ...] = TERRAIN,
 ) -> Callable[[typer.Typer], None]:
     """Return the function that registers a product's command.
 
@@ -51,11 +66,14 @@ def command(
         Help, with examples.
     action : callable
         action(source, out, parameters, **common options).
+    source : tuple
+        Options about what is read: `TERRAIN` or `DEPTH`.
     """
     known = specifications(parameters)
+    shared = (_COMMON[0], *source, *_COMMON[1:])
 
     def run(source: str, out: str, **given: Any) -> None:
-        common = {entry[0]: given.pop(entry[0]) for entry in _COMMON}
+        common = {entry[0]: given.pop(entry[0]) for entry in shared}
         chosen = {
             spec.name: _value(spec, given[spec.name])
             for spec in known
@@ -63,14 +81,17 @@ def command(
         }
         action(source, out, parameters(**chosen), **common)
 
+    reads = "Elevation raster to read." if source is TERRAIN else "Depth buffer to read."
     arguments = [
-        _parameter("source", str, typer.Argument(metavar="IN", help="Elevation raster to read.")),
+        _parameter("source", str, typer.Argument(metavar="IN", help=reads)),
         _parameter("out", str, typer.Argument(metavar="OUT", help="GeoTIFF to write.")),
     ]
     options = [_option_of(spec) for spec in known]
-    for field, kind, default, metavar, text_of in _COMMON:
+    for field, kind, default, metavar, text_of in shared:
         declared = typer.Option(option_name(field), metavar=metavar, help=text_of)
-        options.append(_parameter(field, kind, declared, default))
+        empty = inspect.Parameter.empty
+        options.append(_parameter(field, kind, declared, empty if default is ... else default))
+    options.sort(key=lambda option: option.default is not inspect.Parameter.empty)
     run.__signature__ = inspect.Signature([*arguments, *options])  # type: ignore[attr-defined]
     run.__annotations__ = {p.name: p.annotation for p in (*arguments, *options)}
     run.__doc__ = text

@@ -11,6 +11,7 @@ from adret.errors import InputError
 
 if TYPE_CHECKING:
     from adret.parameters import Parameters
+    from adret.screen import DepthBuffer
     from adret.terrain import Terrain
 
 __all__ = ["open_terrain", "product_action"]
@@ -25,39 +26,30 @@ def product_action(name: str) -> Callable[..., None]:
         parameters: "Parameters",
         *,
         preview: str | None,
-        band: str,
-        cell_size: str | None,
-        vertical_unit: str | None,
         threads: str | None,
         overwrite: bool,
+        **reading: Any,
     ) -> None:
         count = None if threads is None else _threads(threads)
         from adret._gdal import check_output
+        from adret.parameters import specifications
 
-        inputs = tuple(
-            path for path in (source, getattr(parameters, "environment", None)) if path is not None
-        )
+        read = [s.name for s in specifications(type(parameters)) if s.form == "path"]
+        paths = (source, reading.get("camera"), *(getattr(parameters, name) for name in read))
+        inputs = tuple(path for path in paths if path is not None)
         check_output(out, overwrite=overwrite, inputs=inputs)
         if preview is not None:
             check_output(preview, field="preview", overwrite=overwrite, inputs=inputs)
-        terrain = open_terrain(source, band, cell_size, vertical_unit)
-
         from adret import products
 
+        product = products.PRODUCTS[name]
+        opened = OPENERS[product.reads](source, **reading)
         if count is not None:
             from adret._kernels import jit
 
             jit.threads(count)
         with progress_bar(name) as progress:
-            products.run(
-                products.PRODUCTS[name],
-                terrain,
-                parameters,
-                out,
-                preview,
-                progress,
-                overwrite=overwrite,
-            )
+            products.run(product, opened, parameters, out, preview, progress, overwrite=overwrite)
 
     return action
 
@@ -78,6 +70,23 @@ def open_terrain(
         cell_size=None if size is None else (size[0], size[1]),
         vertical_unit=vertical_unit,
     )
+
+
+def open_depth(source: str, camera: str, kind: str | None, guard_band: str | None) -> "DepthBuffer":
+    """Open a depth buffer with options as they were typed."""
+    given: dict[str, Any] = {}
+    if kind is not None:
+        given["kind"] = kind
+    if guard_band is not None:
+        if not guard_band.isdigit():
+            raise InputError("guard_band", "a whole number of pixels", guard_band)
+        given["guard_band"] = int(guard_band)
+    from adret.screen import DepthBuffer
+
+    return DepthBuffer.open(source, camera, **given)
+
+
+OPENERS: dict[str, Callable[..., Any]] = {"terrain": open_terrain, "depth": open_depth}
 
 
 def _threads(text: str) -> int:

@@ -17,6 +17,7 @@ from adret.parameters.lights import (
     ShadowParameters,
     SourceParameters,
 )
+from adret.parameters.screens import SsaoParameters
 from adret.parameters.sights import ViewshedParameters, VisibilityParameters
 from adret.parameters.specification import MAX_LIST, Parameters, Specification, specifications
 
@@ -34,6 +35,7 @@ __all__ = [
     "SkyViewParameters",
     "SourceParameters",
     "Specification",
+    "SsaoParameters",
     "ViewshedParameters",
     "VisibilityParameters",
     "specifications",

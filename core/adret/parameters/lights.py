@@ -83,8 +83,17 @@ class SourceParameters(Parameters):
         super().__post_init__()
         if self.sun_deg is not None:
             _check_sun(self.sun_deg)
-        if self.sun_deg is None and self.sky == "none" and self.environment is None:
+        if not self.lit and self._needs_source:
             raise InputError("sky", "lit by at least one of sun, sky and environment", "none")
+
+    @property
+    def lit(self) -> bool:
+        """Whether there is any of sun, sky and environment."""
+        return not (self.sun_deg is None and self.sky == "none" and self.environment is None)
+
+    @property
+    def _needs_source(self) -> bool:
+        return True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,6 +113,18 @@ class BounceParameters(SourceParameters, BodyParameters):
     """Parameters of the light that terrain reflects to terrain."""
 
     albedo: float = option(0.3, "Reflectance of the terrain.", minimum=0.0, maximum=1.0)
+    albedo_map: str | None = option(
+        None,
+        "Raster of the reflectance of every cell, 0 to 1, instead: one band or three (red, green, "
+        "blue) on the elevation model's grid. Cells without data reflect nothing.",
+        form="path",
+    )
+    emission: str | None = option(
+        None,
+        "Raster of the radiance that cells send by themselves (lava, lamps): one band or three on "
+        "the elevation model's grid. Cells without data send nothing. May be the only light.",
+        form="path",
+    )
     bounces: int | Literal["converge"] = option(
         1,
         "How often light is passed on; converge: until what further bounces could add is within "
@@ -133,6 +154,10 @@ class BounceParameters(SourceParameters, BodyParameters):
         minimum=0,
         maximum=4096,
     )
+
+    @property
+    def _needs_source(self) -> bool:
+        return self.emission is None
 
 
 def _check_sun(sun: tuple[float, ...]) -> None:

@@ -1,13 +1,14 @@
 """The results that Adret writes to files: one registry for the command line and the service.
 
-A product turns a terrain and its typed parameters into named layers with a unit and the formula
-that defines them; `run` writes them as a cloud-optimised GeoTIFF and, if asked, as a picture.
+A product turns a terrain (or a depth buffer) and its typed parameters into named layers with a unit
+and the formula that defines them; `run` writes them as a cloud-optimised GeoTIFF and, if asked, as
+a picture.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from adret._gdal import PathLike, atomic, check_output
 from adret.cogs import write
@@ -21,15 +22,17 @@ from adret.parameters import (
     ShadowParameters,
     SkyViewParameters,
     Specification,
+    SsaoParameters,
     ViewshedParameters,
     VisibilityParameters,
     specifications,
 )
 from adret.previews import preview
-from adret.products import sights, sky, sun
+from adret.products import screens, sights, sky, sun
 from adret.products.result import Progress, Result
 
 if TYPE_CHECKING:
+    from adret.screen import DepthBuffer
     from adret.terrain import Terrain
 
 __all__ = ["PRODUCTS", "Product", "Result", "Specification", "run", "specifications"]
@@ -46,19 +49,22 @@ class Product:
     parameters : type
         Dataclass of its parameters; `specifications` lists them with limits.
     compute : callable
-        compute(terrain, parameters, progress) -> Result.
+        compute(source, parameters, progress) -> Result.
+    reads : str
+        What the source is: a "terrain" or a "depth" buffer.
     """
 
     name: str
     title: str
     description: str
     parameters: type[Parameters]
-    compute: Callable[["Terrain", Any, Progress | None], Result]
+    compute: Callable[[Any, Any, Progress | None], Result]
+    reads: Literal["terrain", "depth"] = "terrain"
 
 
 def run(
     product: Product,
-    terrain: "Terrain",
+    source: "Terrain | DepthBuffer",
     parameters: Parameters,
     out_path: PathLike,
     preview_path: PathLike | None = None,
@@ -72,7 +78,8 @@ def run(
     ----------
     product : Product
         One of `PRODUCTS`.
-    terrain : Terrain
+    source : Terrain or DepthBuffer
+        What the product reads.
     parameters : Parameters
         Of the product's own class.
     out_path : path-like
@@ -112,19 +119,20 @@ def run(
         picture_path = check_output(preview_path, field="preview", overwrite=overwrite)
         if picture_path == out:
             raise InputError("preview", "another file than out", str(preview_path))
-    result = product.compute(terrain, parameters, progress)
+    result = product.compute(source, parameters, progress)
+    grid: Any = result.grid or source
     with atomic(out) as unfinished:
         write(
             unfinished,
             result.layers,
-            terrain,
+            grid,
             names=result.names,
             unit=result.unit,
             tags=result.tags,
             **result.encoding,
         )
         if picture_path is not None:
-            preview(Path(picture_path), cell_size=terrain.cell_size, **result.picture())
+            preview(Path(picture_path), cell_size=grid.cell_size, **result.picture())
 
 
 PRODUCTS: dict[str, Product] = {
@@ -185,6 +193,14 @@ PRODUCTS: dict[str, Product] = {
             description="How much every cell sees: area, distance, number of samples.",
             parameters=VisibilityParameters,
             compute=sights.visibility,
+        ),
+        Product(
+            name="ssao",
+            title="Screen-space ambient occlusion",
+            description="How much of the sky each pixel of a depth buffer does not see.",
+            parameters=SsaoParameters,
+            compute=screens.ssao,
+            reads="depth",
         ),
     )
 }

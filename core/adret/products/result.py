@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from adret.cogs import Layers
+from adret.cogs import Layers, PixelGrid
 from adret.errors import InputError
 from adret.parameters import BodyParameters, RayParameters, RoundParameters
 
@@ -46,6 +46,8 @@ class Result:
         How the numbers are stored: dtype, scale, offset, nodata, resampling (see `write`).
     picture : callable
         Gives the options of `preview`, `layer` among them; called when all layers were used.
+    grid : PixelGrid or None
+        Where the layers lie, if that is not where the terrain does.
     """
 
     layers: Layers
@@ -54,6 +56,7 @@ class Result:
     tags: dict[str, str]
     picture: Callable[[], dict[str, Any]]
     encoding: dict[str, Any] = field(default_factory=dict)
+    grid: PixelGrid | None = None
 
 
 def body_options(terrain: "Terrain", parameters: BodyParameters) -> dict[str, Any]:

@@ -72,18 +72,27 @@ def light(terrain: "Terrain", parameters: LightParameters, progress: Progress | 
 def bounce(terrain: "Terrain", parameters: BounceParameters, progress: Progress | None) -> Result:
     from adret.bounces import indirect_light
     from adret.horizon import NEAR_DEFAULT
+    from adret.overlays import read_overlay
 
+    albedo: Any = parameters.albedo
+    if parameters.albedo_map is not None:
+        albedo = np.nan_to_num(read_overlay("albedo_map", parameters.albedo_map, terrain))
+    emission: Any = np.float32(0.0)
+    if parameters.emission is not None:
+        emission = np.nan_to_num(read_overlay("emission", parameters.emission, terrain))
     near = NEAR_DEFAULT if parameters.near is None else parameters.near
     options = body_options(terrain, parameters) | {"near": near}
     direct, sources = _direct(
         terrain, parameters, parameters.directions, options, _part(progress, 0, 2)
     )
-    reflect = np.float32(parameters.albedo / np.pi)
+    if parameters.emission is not None:
+        sources = ", ".join([sources, f"emission map {Path(parameters.emission).name}"][not sources :])
     found = indirect_light(
         terrain,
         None,
-        parameters.albedo,
-        radiance=direct * reflect,
+        albedo,
+        radiance=_reflected(albedo, direct),
+        emission=emission,
         bounces=parameters.bounces,
         directions=parameters.directions,
         tolerance=parameters.tolerance,
@@ -92,11 +101,11 @@ def bounce(terrain: "Terrain", parameters: BounceParameters, progress: Progress 
     )
     total, quantity = found.irradiance, "irradiance on the sloping cell from the terrain it sees"
     if parameters.layer != "indirect":
-        total = total + direct
+        total = _sum(total, direct)
         quantity = "irradiance on the sloping cell, direct and from the terrain it sees"
     if parameters.layer == "radiance":
-        total = total * reflect
-        quantity = f"radiance, albedo / pi times {quantity}"
+        total = _sum(_reflected(albedo, total), emission)
+        quantity = f"radiance, emission and albedo / pi times {quantity}"
     tags = tags_of(terrain, "bounce", f"{quantity}, lit by {sources}", parameters) | {
         "ADRET_ALBEDO": f"{parameters.albedo:g}",
         "ADRET_BOUNCES": str(found.bounces),
@@ -104,6 +113,8 @@ def bounce(terrain: "Terrain", parameters: BounceParameters, progress: Progress 
         "ADRET_DIRECTIONS": str(parameters.directions),
         "ADRET_NEAR": str(near),
     }
+    if parameters.albedo_map is not None:
+        tags["ADRET_ALBEDO"] = f"map {Path(parameters.albedo_map).name}"
     name = {"indirect": "indirect light", "total": "light", "radiance": "radiance"}
     return _lit(total, name[parameters.layer], tags)
 

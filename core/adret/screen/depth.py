@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from adret.errors import InputError
 from adret.screen.camera import Camera
 from adret.screen.field import Field
-from adret.screen.normals import rebuilt_normals, turned_to_eye
 
 if TYPE_CHECKING:
     from adret.terrain import Terrain
@@ -278,6 +277,8 @@ class DepthBuffer:
 
     @cached_property
     def _normals_and_counts(self) -> tuple[NDArray[np.float32], dict[str, int]]:
+        from adret.screen.normals import rebuilt_normals, turned_to_eye  # loads Numba
+
         rebuilt, degenerate = rebuilt_normals(self._depth, self._camera)
         counts = {"degenerate": degenerate, "bent": 0, "missing": 0}
         if self._given is not None:

@@ -91,8 +91,13 @@ def execute_process(
     _known(process_id)
     dataset, inputs = processes.validated(process_id, order.inputs)
     unknown = FieldError("inputs.dataset", "the id of an existing dataset", dataset)
-    if service.catalogue.get(dataset, tenant) is None:
+    found = service.catalogue.get(dataset, tenant)
+    if found is None:
         raise invalid(unknown)
+    kind = found.info.get("kind", "terrain")
+    if kind != processes.reads(process_id):
+        limit = f"a dataset of kind {processes.reads(process_id)}"
+        raise invalid(FieldError("inputs.dataset", limit, f"one of kind {kind}"))
     _wanted_outputs(process_id, order.outputs)
     require_room(service)
     waiting = service.engine.waiting()

@@ -66,7 +66,8 @@ def light(terrain: "Terrain", parameters: LightParameters, progress: Progress | 
     if parameters.albedo is not None:
         total = total * np.float32(parameters.albedo / np.pi)
         quantity = f"radiance, albedo {parameters.albedo:g} times irradiance / pi,"
-    return _lit(total, "light", tags_of(terrain, "light", f"{quantity} from {sources}", parameters))
+    definition = f"{quantity} from {', '.join(sources)}"
+    return _lit(total, "light", tags_of(terrain, "light", definition, parameters))
 
 
 def bounce(terrain: "Terrain", parameters: BounceParameters, progress: Progress | None) -> Result:
@@ -76,8 +77,8 @@ def bounce(terrain: "Terrain", parameters: BounceParameters, progress: Progress 
 
     albedo: Any = parameters.albedo
     if parameters.albedo_map is not None:
-        albedo = np.nan_to_num(read_overlay("albedo_map", parameters.albedo_map, terrain))
-    emission: Any = np.float32(0.0)
+        albedo = np.nan_to_num(read_overlay("albedo_map", parameters.albedo_map, terrain, 1.0))
+    emission: Any = None
     if parameters.emission is not None:
         emission = np.nan_to_num(read_overlay("emission", parameters.emission, terrain))
     near = NEAR_DEFAULT if parameters.near is None else parameters.near
@@ -85,8 +86,6 @@ def bounce(terrain: "Terrain", parameters: BounceParameters, progress: Progress 
     direct, sources = _direct(
         terrain, parameters, parameters.directions, options, _part(progress, 0, 2)
     )
-    if parameters.emission is not None:
-        sources = ", ".join([sources, f"emission map {Path(parameters.emission).name}"][not sources :])
     found = indirect_light(
         terrain,
         None,
@@ -104,9 +103,15 @@ def bounce(terrain: "Terrain", parameters: BounceParameters, progress: Progress 
         total = _sum(total, direct)
         quantity = "irradiance on the sloping cell, direct and from the terrain it sees"
     if parameters.layer == "radiance":
-        total = _sum(_reflected(albedo, total), emission)
-        quantity = f"radiance, emission and albedo / pi times {quantity}"
-    tags = tags_of(terrain, "bounce", f"{quantity}, lit by {sources}", parameters) | {
+        total = _reflected(albedo, total)
+        quantity = f"radiance, albedo / pi times {quantity}"
+        if emission is not None:
+            total = _sum(total, emission)
+            quantity = f"{quantity}, and emission"
+    if parameters.emission is not None:
+        sources.append(f"emission map {Path(parameters.emission).name}")
+    definition = f"{quantity}, lit by {', '.join(sources)}"
+    tags = tags_of(terrain, "bounce", definition, parameters) | {
         "ADRET_ALBEDO": f"{parameters.albedo:g}",
         "ADRET_BOUNCES": str(found.bounces),
         "ADRET_RESIDUAL": f"at most {found.residual:.3g} of the largest indirect irradiance",
@@ -125,24 +130,33 @@ def _direct(
     directions: int,
     options: dict[str, Any],
     progress: Progress | None,
-) -> tuple[NDArray[np.float32], str]:
+) -> tuple[NDArray[np.float32], list[str]]:
     """Irradiance of all sources together, and what they are."""
     from adret.light import direct_light
 
     sources = _sources(parameters)
-    total: NDArray[np.float32] | None = None
+    total = np.where(terrain.mask, np.float32(np.nan), np.float32(0.0))
     for part, (sky, _) in enumerate(sources):
         flux = direct_light(
             terrain, sky, directions, progress=_part(progress, part, len(sources)), **options
         ).irradiance
-        if total is None:
-            total = flux
-        elif total.ndim == flux.ndim:
-            total = total + flux
-        else:
-            total = np.atleast_3d(total) + np.atleast_3d(flux)
-    assert total is not None
-    return total, ", ".join(text for _, text in sources)
+        total = _sum(total, flux)
+    return total, [text for _, text in sources]
+
+
+def _sum(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Sum of two quantities of light, each of one band or three."""
+    if one.ndim != other.ndim:
+        one, other = np.atleast_3d(one), np.atleast_3d(other)
+    return one + other
+
+
+def _reflected(albedo: Any, irradiance: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Radiance of matt ground; albedo is one number, or one or three layers."""
+    share = np.asarray(albedo / np.pi, dtype=np.float32)
+    if share.ndim in (2, 3) and share.ndim != irradiance.ndim:
+        share, irradiance = np.atleast_3d(share), np.atleast_3d(irradiance)
+    return np.asarray(share * irradiance)
 
 
 def _sources(parameters: SourceParameters) -> list[tuple[Any, str]]:

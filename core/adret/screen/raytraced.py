@@ -1,22 +1,28 @@
 """The reference: rays through the depth image, exact but for the noise of their directions."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from adret._kernels.screen import filled_spheres
+from adret._kernels.screen import depth_cells, filled_spheres
 from adret._kernels.screen import raytraced as kernels
 from adret.errors import InputError
+from adret.screen.falloffs import Falloff
 from adret.screen.field import Field
 from adret.screen.occlusion import Estimate, Progress
 from adret.screen.options import FalloffOptions, option
 
-__all__ = ["Options", "RaySample", "estimate", "trace_at"]
+__all__ = ["Options", "RaySample", "estimate", "trace_at", "trace_several"]
 
 SECOND_LAYER = True
+VOLUMES = ("volumetric", "sphere", "shell")
+Bounds = tuple[
+    NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], float, float
+]
 CHUNK = 4096
 """Pixels between two calls of progress."""
 
@@ -28,14 +34,15 @@ class Options(FalloffOptions):
     rays: int = option(
         256,
         "Rays from each pixel, rounded down to twice a product of two whole numbers (points, "
-        "rounded down to twice a cube, for volumes)",
+        "rounded down to twice a cube or square, for volumes and shells)",
         minimum=2,
         maximum=1 << 24,
     )
-    weight: Literal["cosine", "uniform", "volumetric", "sphere"] = option(
+    weight: Literal["cosine", "uniform", "volumetric", "sphere", "shell"] = option(
         "cosine",
         "Of directions in the hemisphere: cosine, uniform; volumetric: solid share of the tangent "
-        "sphere whose diameter is the radius; sphere: of the sphere of that radius about the point",
+        "sphere whose diameter is the radius; sphere: of the sphere of that radius about the "
+        "point; shell: of that sphere's surface",
     )
     thickness: float = option(
         math.inf,
@@ -49,7 +56,7 @@ class Options(FalloffOptions):
     def __post_init__(self) -> None:
         """Volumes need a radius, and know no falloff."""
         super().__post_init__()
-        if self.weight in ("volumetric", "sphere"):
+        if self.weight in VOLUMES:
             if math.isinf(self.radius):
                 raise InputError("radius", f"finite for the weight {self.weight}", self.radius)
             if self.falloff != "none":
@@ -128,7 +135,8 @@ def trace_at(
     behind what stands in front. A receiver's own quarters are empty.
 
     Weight "volumetric" is the solid share of the tangent sphere with the radius as its diameter
-    (Szirmay-Kalos et al. 2010); "sphere" that of the sphere about the point with that radius.
+    (Szirmay-Kalos et al. 2010); "sphere" that of the sphere about the point with that radius, and
+    "shell" the share of its surface.
 
     Rays are stratified over the square that maps to the hemisphere and jittered by a hash of
     pixel, seed and ray. Each half has its own strata, so their difference tells the noise.
@@ -147,6 +155,22 @@ def trace_at(
     >>> trace_at(buffer.field, [4], [2], Options(rays=512)).bent_normal.round(1)[:, 0]
     array([0.5, 0. , 0.9])
     """
+    return trace_several(field, rows, columns, options, [options.weights()], progress)[0]
+
+
+def trace_several(
+    field: Field,
+    rows: ArrayLike,
+    columns: ArrayLike,
+    options: Options,
+    falloffs: Sequence[Falloff],
+    progress: Progress | None = None,
+) -> list[RaySample]:
+    """As `trace_at`, by the same rays for several falloffs; for weights of directions only.
+
+    The options' own radius and falloff are not used. Confidence is that of the largest radius,
+    bent normals are by the first falloff.
+    """
     row = np.atleast_1d(np.asarray(rows, dtype=np.int64))
     column = np.atleast_1d(np.asarray(columns, dtype=np.int64))
     if row.shape != column.shape or row.ndim != 1:
@@ -159,49 +183,86 @@ def trace_at(
     if np.isnan(field.depth[row, column]).any():
         at = int(np.argmax(np.isnan(field.depth[row, column])))
         raise InputError("rows", "pixels that show a surface", (int(row[at]), int(column[at])))
-    solid = _Solid(field)
+    solid = _Solid(field, options.thickness)
     count = len(row)
-    halves = np.zeros((2, count))
+    halves = np.zeros((len(falloffs), 2, count))
     decided = np.zeros(count)
-    volume = options.weight in ("volumetric", "sphere")
-    bent = None if volume else np.zeros((3, count))
+    bent = None if options.weight in VOLUMES else np.zeros((3, count))
+    rays = 0
     for start in range(0, count, CHUNK):
         if progress is not None:
             progress(start, count)
         part = slice(start, start + CHUNK)
-        rays = solid.fill(
-            options,
-            row[part],
-            column[part],
-            halves[:, part],
-            decided[part],
-            None if bent is None else bent[:, part],
-        )
+        found = (halves[:, :, part], decided[part])
+        if bent is None:
+            rays = solid.fill(options, row[part], column[part], *found)
+        else:
+            rays = solid.cast(options, falloffs, row[part], column[part], *found, bent[:, part])
     if progress is not None:
         progress(count, count)
-    return RaySample(halves, decided, bent, rays if count else 0)
+    return [RaySample(each, decided, bent, rays) for each in halves]
 
 
 class _Solid:
-    """Nearness with a border of NaN, and the highest corner of each cell; of both layers."""
+    """Nearness with a border of NaN, and bounds of cells and blocks of it; of both layers."""
 
-    def __init__(self, field: Field) -> None:
+    def __init__(self, field: Field, thickness: float) -> None:
         self.field = field
-        self.near, self.top = self._padded(field.depth)
-        self.second, self.top2 = np.zeros((0, 0)), np.zeros((0, 0))
+        self.thickness = thickness
+        self.near, self.bounds = self._padded(field.depth)
+        self.second, self.second_bounds = np.zeros((0, 0)), self.bounds
         if field.second.size:
-            self.second, self.top2 = self._padded(field.second)
+            self.second, self.second_bounds = self._padded(field.second)
 
-    def _padded(
-        self, depth: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _padded(self, depth: NDArray[np.float32]) -> tuple[NDArray[np.float64], Bounds]:
         rows, columns = depth.shape
         q = np.full((rows + 2, columns + 2), np.nan)
         z = depth.astype(np.float64)
         q[1:-1, 1:-1] = 1.0 / z if self.field.perspective else -z
-        top = np.empty((rows + 1, columns + 1))
-        kernels.highest_corners(q, top)
-        return q, top
+        top, low = (np.empty((rows + 1, columns + 1), dtype=np.float32) for _ in range(2))
+        depth_cells.cell_bounds(q, self.field.perspective, self.thickness, top, low)
+        blocks = (rows // depth_cells.BLOCK + 1, columns // depth_cells.BLOCK + 1)
+        block_top, block_low = (np.empty(blocks, dtype=np.float32) for _ in range(2))
+        depth_cells.block_bounds(top, low, block_top, block_low)
+        return q, (top, low, block_top, block_low, float(top.max()), float(low.min()))
+
+    def cast(
+        self,
+        options: Options,
+        falloffs: Sequence[Falloff],
+        rows: NDArray[np.int64],
+        columns: NDArray[np.int64],
+        halves: NDArray[np.float64],
+        decided: NDArray[np.float64],
+        bent: NDArray[np.float64],
+    ) -> int:
+        """Cast rays from some pixels into the arrays; returns how many each had."""
+        strata = max(1, math.isqrt(options.rays // 2))
+        around = max(1, options.rays // 2 // strata)
+        tables = np.zeros((len(falloffs), max(len(each.table) for each in falloffs)))
+        for table, each in zip(tables, falloffs, strict=True):
+            table[: len(each.table)] = each.table
+        kernels.trace(
+            self.near,
+            self.bounds,
+            self.second,
+            self.second_bounds,
+            *self._shared,
+            rows,
+            columns,
+            strata,
+            around,
+            options.weight == "cosine",
+            np.array([each.code for each in falloffs]),
+            np.array([each.radius for each in falloffs]),
+            np.array([each.scale for each in falloffs]),
+            tables,
+            options.seed,
+            halves,
+            decided,
+            bent,
+        )
+        return 2 * strata * around
 
     def fill(
         self,
@@ -210,51 +271,33 @@ class _Solid:
         columns: NDArray[np.int64],
         halves: NDArray[np.float64],
         decided: NDArray[np.float64],
-        bent: NDArray[np.float64] | None,
     ) -> int:
-        """Fill the arrays for some pixels; returns how many rays each had."""
-        field = self.field
-        shared = (field.normal, field.rays, field.perspective, options.thickness, field.origin)
-        if bent is None:
-            strata = max(1, int((options.rays / 2 + 0.5) ** (1.0 / 3.0)))
-            touching = options.weight == "volumetric"
-            radius = 0.5 * options.radius if touching else options.radius
-            filled_spheres.fill_spheres(
-                self.near,
-                self.second,
-                *shared,
-                rows,
-                columns,
-                strata,
-                radius if touching else 0.0,
-                radius,
-                options.seed,
-                halves,
-                decided,
-            )
-            return 2 * strata**3
-        strata = max(1, math.isqrt(options.rays // 2))
-        around = max(1, options.rays // 2 // strata)
-        highest = float(self.top.max())
-        kernels.trace(
+        """Throw points into the spheres of some pixels; returns how many each had."""
+        hollow = options.weight == "shell"
+        touching = options.weight == "volumetric"
+        points = options.rays // 2
+        strata = max(1, math.isqrt(points) if hollow else int((points + 0.5) ** (1.0 / 3.0)))
+        radius = 0.5 * options.radius if touching else options.radius
+        filled_spheres.fill_spheres(
             self.near,
             self.second,
-            self.top,
-            self.top2,
-            highest,
-            *shared,
+            *self._shared,
             rows,
             columns,
             strata,
-            around,
-            options.weight == "cosine",
-            *options.weights().numbers,
+            hollow,
+            radius if touching else 0.0,
+            radius,
             options.seed,
-            halves,
+            halves[0],
             decided,
-            bent,
         )
-        return 2 * strata * around
+        return 2 * strata ** (2 if hollow else 3)
+
+    @property
+    def _shared(self) -> tuple[Any, ...]:
+        field = self.field
+        return field.normal, field.rays, field.perspective, self.thickness, field.origin
 
 
 def estimate(field: Field, options: Options, progress: Progress | None) -> Estimate:

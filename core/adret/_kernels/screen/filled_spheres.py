@@ -1,13 +1,13 @@
 """Solid share of spheres at the points that a depth image shows (the reference for volumes).
 
-The solid is that of `raytraced`: same arrays, same broken cells.
+The solid is that of `depth_cells`: same arrays, same broken cells.
 """
 
 import numpy as np
 
 from adret._kernels.jit import kernel, parallel_kernel, prange
+from adret._kernels.screen.depth_cells import depth_of, is_broken
 from adret._kernels.screen.noise import uniform
-from adret._kernels.screen.raytraced import depth_of, is_broken
 
 
 @kernel
@@ -46,6 +46,7 @@ def fill_spheres(
     rows,
     columns,
     strata,
+    hollow,
     lift,
     radius,
     seed,
@@ -55,8 +56,11 @@ def fill_spheres(
     """Solid share of a sphere at the listed pixels, by stratified points, in two halves.
 
     The sphere of `radius` has its centre `lift` above the surface; each half draws one point in
-    each of strata³ cells of equal volume.
+    each of strata³ cells of equal volume; or, for its surface only (`hollow`), of strata² of equal
+    area.
     """
+    shells = 1 if hollow else strata
+    points = shells * strata**2
     ax, bx, ay, by = rays
     for n in prange(len(rows)):
         row = rows[n]
@@ -69,13 +73,13 @@ def fill_spheres(
         known = 0
         for half in range(2):
             total = 0
-            for k in range(strata**3):
-                draw = 3 * (half * strata**3 + k)
+            for k in range(points):
+                draw = 3 * (half * points + k)
                 grow, gcolumn = row + origin[0], column + origin[1]
-                d = (k // strata**2 + uniform(grow, gcolumn, seed, draw)) / strata
+                d = (k // strata**2 + uniform(grow, gcolumn, seed, draw)) / shells
                 u = (k // strata % strata + uniform(grow, gcolumn, seed, draw + 1)) / strata
                 v = (k % strata + uniform(grow, gcolumn, seed, draw + 2)) / strata
-                d = radius * d ** (1.0 / 3.0)
+                d = radius if hollow else radius * d ** (1.0 / 3.0)
                 up = 1.0 - 2.0 * u
                 out = d * np.sqrt(max(0.0, 1.0 - up * up))
                 depth = -(cz + d * up)
@@ -96,5 +100,5 @@ def fill_spheres(
                         second, perspective, thickness, r + 1.0, c + 1.0, nearness, -1, -1
                     )
                 total += solid
-            halves[half, n] = total / strata**3
-        decided[n] = known / (2.0 * strata**3)
+            halves[half, n] = total / points
+        decided[n] = known / (2.0 * points)

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from adret._values import real
 from adret.azimuths import azimuth_set
 from adret.errors import InputError
 from adret.horizon import NEAR_DEFAULT, HorizonOptions, Progress
@@ -157,8 +158,7 @@ def indirect_light(
         near=near, max_distance=max_distance, radius=radius, refraction=refraction
     )
     limit = _bounce_limit(bounces)
-    if not 0.0 < tolerance <= 1.0:
-        raise InputError("tolerance", "above 0 and at most 1", tolerance)
+    real("tolerance", tolerance, "above 0 and at most 1", np.nextafter(0.0, 1.0), 1.0)
     share = np.nan_to_num(_planes(reflectance(albedo, terrain.shape), terrain.shape))
     start = time.perf_counter()
     if radiance is not None:

@@ -427,16 +427,39 @@ def test_later_bounces_know_where_nothing_is_visible() -> None:
     assert fresh(light).tobytes() == again.tobytes()
 
 
-def test_dark_senders_are_not_added_up() -> None:
+def test_blocks_that_nobody_sees_change_no_byte(monkeypatch: pytest.MonkeyPatch) -> None:
+    terrain = rough((90, 300))
+    light = np.random.default_rng(13).random(terrain.shape)
+
+    def run() -> tuple[bytes, bounces.BounceReport]:
+        found = adret.indirect_light(terrain, None, 0.5, radiance=light, directions=12)
+        assert isinstance(found.report, bounces.BounceReport)
+        return found.irradiance.tobytes(), found.report
+
+    some, report = run()
+    assert report.crossings_hidden > 0.1 * report.crossings_tested
+    monkeypatch.setattr(transport.kernels, "tile_tops", lambda z, tops: tops.fill(np.inf))
+    every, full = run()
+    assert full.crossings_hidden < 1e-3 * report.crossings_hidden  # blocks of nodata receivers
+    assert full.crossings_tested > 1.3 * report.crossings_tested
+    assert full.crossings_weighed == report.crossings_weighed
+    assert every == some
+
+
+def test_dark_senders_are_not_added_up(monkeypatch: pytest.MonkeyPatch) -> None:
     terrain = rough((90, 300))
     lava = np.zeros(terrain.shape)
     lava[40:44, 150:154] = 9.0
     some = adret.indirect_light(terrain, None, 0.0, radiance=lava, directions=12)
-    every = adret.indirect_light(terrain, None, 0.0, radiance=lava + 1e-30, directions=12)
+    monkeypatch.setattr(transport.kernels, "tile_lights", lambda light, lit: lit.fill(True))
+    every = adret.indirect_light(terrain, None, 0.0, radiance=lava, directions=12)
     assert isinstance(some.report, bounces.BounceReport)
     assert isinstance(every.report, bounces.BounceReport)
     assert every.report.crossings_dark == 0
     assert some.report.crossings_weighed < 0.3 * every.report.crossings_weighed
+    both = some.report.crossings_weighed + some.report.crossings_dark
+    assert both == pytest.approx(every.report.crossings_weighed, rel=1e-3)
+    # A slope is rounded one way where it is only compared and another where light is added.
     np.testing.assert_allclose(some.irradiance, every.irradiance, rtol=1e-5, atol=1e-6)
 
 
@@ -451,11 +474,15 @@ def test_no_light_walks_no_ray() -> None:
     assert (black.irradiance[~terrain.mask] == 0.0).all()
 
 
-def test_converged_and_blind_cells_walk_no_ray() -> None:
+def plain_and_mountains() -> adret.Terrain:
     z = np.zeros((120, 400))
     z[:, 300:] = scenes.fractal(np.random.default_rng(12), (120, 100), relief=60.0)
     z[:, 300:310] *= np.linspace(0.0, 1.0, 10)
-    terrain = adret.Terrain(z, (1.0, 1.0))
+    return adret.Terrain(z, (1.0, 1.0))
+
+
+def test_converged_cells_walk_no_ray() -> None:
+    terrain = plain_and_mountains()
     some = adret.indirect_light(
         terrain, adret.UniformSky(), 0.7, bounces="converge", tolerance=1e-3, directions=12
     )
@@ -464,6 +491,23 @@ def test_converged_and_blind_cells_walk_no_ray() -> None:
     assert some.report.receivers_skipped > 0.1 * some.report.receivers
     off = np.nanmax(abs(every.irradiance - some.irradiance)) / np.nanmax(some.irradiance)
     assert off <= some.residual <= 1e-3
+
+
+def test_cells_that_see_no_terrain_walk_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a plain whose mountains are out of reach."""
+    terrain = plain_and_mountains()
+    options: dict[str, Any] = {"bounces": 3, "directions": 12, "max_distance": 100.0}
+    some = adret.indirect_light(terrain, adret.UniformSky(), 0.7, **options)
+    assert isinstance(some.report, bounces.BounceReport)
+    blind = terrain.mask.size // 4  # the half of the plain that is 150 cells or more away
+    assert some.report.receivers_skipped > 2 * 12 * blind
+    monkeypatch.setattr(
+        bounces._Rest, "needed", lambda self, view, sent, total: np.ones(view.shape, np.bool_)
+    )
+    every = adret.indirect_light(terrain, adret.UniformSky(), 0.7, **options)
+    assert isinstance(every.report, bounces.BounceReport)
+    assert every.report.receivers_skipped == 0
+    assert every.irradiance.tobytes() == some.irradiance.tobytes()
 
 
 # --- edges and errors -----------------------------------------------------------------------------
@@ -520,6 +564,7 @@ def test_errors_name_the_field() -> None:
         ("bounces", {"bounces": "many"}),
         ("directions", {"directions": 0}),
         ("tolerance", {"tolerance": 0.0}),
+        ("tolerance", {"tolerance": "tight"}),
         ("near", {"near": -1}),
         ("max_distance", {"max_distance": 0.0}),
     ]

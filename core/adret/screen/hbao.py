@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from adret._kernels.screen.hbao import horizons, marched_rays
 from adret.errors import InputError
 from adret.screen.bands import Layer, run_in_bands
@@ -172,4 +174,14 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
             )
 
     occlusion, confidence = run_in_bands(field, fill, progress)
-    return Estimate(occlusion, confidence, None, {})
+    return Estimate(occlusion, confidence, None, {"small_radius": _small(field, options)})
+
+
+def _small(field: Field, options: Options) -> int:
+    """Pixels whose projected radius is below a pixel, so that no sample of them can count."""
+    if options.form == "rays":
+        return 0
+    row0, row1, column0, column1 = field.frame
+    depth = field.depth[row0:row1, column0:column1]
+    pixel = min(field.rays[0], -field.rays[2]) * (depth if field.perspective else 1.0)
+    return int(np.count_nonzero(~np.isnan(depth) & (options.radius < pixel)))

@@ -222,12 +222,15 @@ def joint_bilateral_upsample(
         raise InputError("reach", "a whole number from 1 to 8", reach)
     sharp = math.sqrt(0.5) / _tolerance(depth_tolerance)
     out = np.empty_like(d)
+    rows, columns = v.shape[0] / d.shape[0], v.shape[1] / d.shape[1]
     kernels.upsampled(
         v,
         low,
         d,
-        v.shape[0] / d.shape[0],
-        v.shape[1] / d.shape[1],
+        rows,
+        columns,
+        0.5 * rows - 0.5,
+        0.5 * columns - 0.5,
         np.float32(sharp),
         reach,
         out,

@@ -134,18 +134,21 @@ def filtered_at(rows, columns, values, depth, samples, radius, places, sharp, ou
 
 
 @parallel_kernel
-def upsampled(low, low_depth, depth, ratio_rows, ratio_columns, sharp, reach, out):
+def upsampled(
+    low, low_depth, depth, ratio_rows, ratio_columns, shift_rows, shift_columns, sharp, reach, out
+):
     """Joint bilateral upsampling of `low` to the pixels of `depth`.
 
+    The pixel in row i lies in row i ratio_rows + shift_rows of `low`; so do columns.
     A pixel's value is the mean of the low pixels round it, weighted by a tent over their distance
     in low pixels (it is 0 at `reach`) and by the Gaussian of the difference in depth. Where all
     of them are far off in depth, the nearest in depth stands in.
     """
     for row in prange(out.shape[0]):
-        place_row = (row + 0.5) * ratio_rows - 0.5
+        place_row = row * ratio_rows + shift_rows
         first_row = np.int64(np.floor(place_row)) - (reach - 1)
         for column in range(out.shape[1]):
-            place = (column + 0.5) * ratio_columns - 0.5
+            place = column * ratio_columns + shift_columns
             first = np.int64(np.floor(place)) - (reach - 1)
             at = depth[row, column]
             top = ZERO

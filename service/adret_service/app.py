@@ -19,7 +19,7 @@ from adret_service.engine.liveness import Lease, sweep_scratch
 from adret_service.engine.port import JobEngine
 from adret_service.ingest import Ingest
 from adret_service.middleware import BodyLimit, RequestId, SameOrigin
-from adret_service.routes import datasets, health, jobs, landing, processes
+from adret_service.routes import datasets, events, health, jobs, landing, processes
 from adret_service.settings import Settings
 from adret_service.storage import open_storage
 
@@ -65,7 +65,7 @@ def create_app(settings: Settings, engine: JobEngine | None = None) -> FastAPI:
         separate_input_output_schemas=False,
         responses={"default": {"model": documents.Problem, "description": "Refused, and why."}},
     )
-    for router in (landing, processes, jobs, datasets, health):
+    for router in (landing, processes, jobs, events, datasets, health):
         app.include_router(router.router)
     problems.install(app)
     app.add_middleware(BodyLimit, limit=settings.max_body_bytes, exempt="/uploads")

@@ -11,7 +11,7 @@ from sqlalchemy.exc import OperationalError
 
 from adret_service.settings import Settings
 
-__all__ = ["datasets", "jobs", "open_database", "persist"]
+__all__ = ["datasets", "events", "jobs", "keys", "open_database", "persist"]
 
 log = logging.getLogger("adret.service")
 
@@ -54,6 +54,27 @@ datasets = sa.Table(
     sa.Column("key", sa.Text, nullable=False),
     sa.Column("info", sa.JSON, nullable=False),
     sa.UniqueConstraint("tenant", "sha256"),
+)
+
+events = sa.Table(
+    "adret_events",
+    tables,
+    sa.Column("seq", sa.Integer, primary_key=True, autoincrement=True),
+    sa.Column("job", sa.String(26), nullable=False, index=True),
+    sa.Column("at", sa.Float, nullable=False),
+    sa.Column("kind", sa.String(16), nullable=False),
+    sa.Column("body", sa.JSON, nullable=False),
+    sqlite_autoincrement=True,
+)
+
+keys = sa.Table(
+    "adret_keys",
+    tables,
+    sa.Column("tenant", sa.String(64), primary_key=True),
+    sa.Column("key", sa.String(255), primary_key=True),
+    sa.Column("digest", sa.String(64), nullable=False),
+    sa.Column("job", sa.String(26), nullable=False),
+    sa.Column("created", sa.Float, nullable=False),
 )
 
 

@@ -92,6 +92,24 @@ class ResultReference(Document):
     sha256: str
 
 
+class LogLine(Document):
+    """One thing that happened to a job."""
+
+    id: int
+    at: str
+    level: str
+    message: str
+    status: str | None = None
+    progress: int | None = None
+
+
+class LogPage(Document):
+    """What happened to a job, oldest first; `next` is where more will be."""
+
+    logs: list[LogLine]
+    links: list[Link]
+
+
 class DatasetDocument(Document):
     """An elevation model in the service, heights in metres; or a depth buffer with its camera."""
 

@@ -155,7 +155,7 @@ class JobRunner:
                 self._wait_for_room(job.id)
                 continue
             crashes += 1
-            log.warning("job %s: its computing process died (exit %s)", job.id, end["exit"])
+            self._note(job.id, f"its computing process died (exit {end['exit']})")
             if crashes >= self.settings.job_max_attempts and not self.stopping.is_set():
                 return failure(500, f"the computing process died {crashes} times")
         return None
@@ -175,8 +175,12 @@ class JobRunner:
             prefix, artefacts, {"process": job.process, "inputs": dict(job.inputs)}
         )
 
+    def _note(self, job_id: str, message: str) -> None:
+        log.warning("job %s: %s", job_id, message)
+        persist(lambda: self.ledger.note(job_id, "warning", message))
+
     def _wait_for_room(self, job_id: str) -> None:
-        log.warning("job %s waits for disk space", job_id)
+        self._note(job_id, "no space left on the disk")
         persist(lambda: self.ledger.progress(job_id, 0, "waiting for disk space"))
         self.stopping.wait(5.0)
 

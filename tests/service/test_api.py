@@ -392,3 +392,92 @@ def test_a_record_knows_when_it_is_finished() -> None:
     job = JobRecord(id=new_id(), tenant="t", process="p", dataset="d", inputs={})
     assert not job.is_finished
     assert replace(job, status=JobStatus.DISMISSED).is_finished
+
+
+def post(client: AppClient, known: str, key: str | None, **inputs: Any) -> Any:
+    headers = {"Content-Type": "application/json"}
+    if key is not None:
+        headers["Idempotency-Key"] = key
+    body = json.dumps({"inputs": {"dataset": known, **inputs}})
+    return client.post("/processes/horizon/execution", content=body, headers=headers)
+
+
+def test_an_order_sent_twice_with_one_key_is_one_job(client: AppClient, known: str) -> None:
+    first, second = (post(client, known, "a-b-c", directions=8) for _ in range(2))
+    assert first.status_code == second.status_code == 201
+    assert first.headers["location"] == second.headers["location"]
+    assert len(client.get("/jobs").json()["jobs"]) == 1
+    body = problem(post(client, known, "a-b-c", directions=9), 422)
+    assert body["errors"][0]["field"] == "Idempotency-Key"
+    assert post(client, known, "other", directions=8).json()["jobID"] != first.json()["jobID"]
+    assert problem(post(client, known, "x" * 300), 400)["errors"][0]["field"] == "Idempotency-Key"
+
+
+def test_a_failed_job_is_run_again_and_a_successful_one_is_not(
+    client: AppClient, known: str, engine: MemoryEngine
+) -> None:
+    job = post(client, known, None).json()["jobID"]
+    assert problem(client.post(f"/jobs/{job}/retry"), 409)["errors"][0]["field"] == "status"
+    engine.fail(job, {"detail": "why", "status": 500})
+    again = client.post(f"/jobs/{job}/retry")
+    assert (again.status_code, again.json()["status"]) == (201, "accepted")
+    assert again.headers["location"].endswith(f"/jobs/{job}")
+    assert "exception" not in client.get(f"/jobs/{job}").json()
+    engine.succeed(job)
+    problem(client.post(f"/jobs/{job}/retry"), 409)
+    problem(client.post(f"/jobs/{new_id()}/retry"), 404)
+
+
+def test_a_dismissed_job_is_run_again_once_it_has_stopped(client: AppClient, known: str) -> None:
+    job = post(client, known, None).json()["jobID"]
+    client.delete(f"/jobs/{job}")
+    refused = client.post(f"/jobs/{job}/retry")
+    assert "still stopping" in problem(refused, 409)["detail"]
+    assert int(refused.headers["retry-after"]) >= 1
+
+
+def test_a_log_is_read_page_by_page(client: AppClient, known: str, engine: MemoryEngine) -> None:
+    job = post(client, known, None).json()["jobID"]
+    engine.begin(job)
+    page = client.get(f"/jobs/{job}/logs").json()
+    assert [line.get("status") for line in page["logs"]] == ["accepted", "running"]
+    following = next(link["href"] for link in page["links"] if link["rel"] == "next")
+    assert client.get(following).json()["logs"] == []
+    engine.note(job, "warning", "its computing process died")
+    (line,) = client.get(following).json()["logs"]
+    assert (line["level"], line["message"]) == ("warning", "its computing process died")
+    engine.fail(job, {"detail": "why", "status": 500})
+    assert client.get(following).json()["logs"][-1]["level"] == "error"
+    problem(client.get(f"/jobs/{new_id()}/logs"), 404)
+
+
+def events_of(text: str) -> list[tuple[str | None, str, dict[str, Any]]]:
+    found = []
+    for block in text.strip().split("\n\n"):
+        lines = dict(line.split(": ", 1) for line in block.splitlines() if not line.startswith(":"))
+        if lines:
+            found.append((lines.get("id"), lines["event"], json.loads(lines["data"])))
+    return found
+
+
+def test_events_are_told_again_from_where_a_client_was(
+    client: AppClient, known: str, engine: MemoryEngine
+) -> None:
+    job = post(client, known, None).json()["jobID"]
+    engine.begin(job)
+    engine.progress(job, 50, "running")
+    engine.succeed(job)
+    answer = client.get(f"/jobs/{job}/events")
+    assert answer.headers["content-type"].startswith("text/event-stream")
+    told = events_of(answer.text)
+    assert [kind for _, kind, _ in told] == ["status", "status", "progress", "status", "end"]
+    assert told[2][2]["progress"] == 50
+    assert told[-1][2] == {"status": "successful"}
+    seen = told[1][0]
+    assert seen is not None
+    rest = client.get(f"/jobs/{job}/events", headers={"Last-Event-ID": seen})
+    assert events_of(rest.text) == told[2:]
+    assert events_of(client.get(f"/jobs/{job}/events?after={seen}").text) == told[2:]
+    body = problem(client.get(f"/jobs/{job}/events", headers={"Last-Event-ID": "x"}), 400)
+    assert body["errors"][0]["field"] == "Last-Event-ID"
+    problem(client.get(f"/jobs/{new_id()}/events"), 404)

@@ -208,3 +208,31 @@ def test_a_server_refuses_to_listen_to_everyone(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "host: must be a loopback address" in done.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_events_come_while_a_job_runs(server: Server, dataset: str) -> None:
+    job = server.submit("sky-view", dataset=dataset, directions=64)
+    kinds, progress = [], []
+    with server.http.stream("GET", f"/jobs/{job}/events", timeout=60.0) as answer:
+        for line in answer.iter_lines():
+            if line.startswith("event: "):
+                kinds.append(line[7:])
+            elif line.startswith("data: ") and kinds[-1] == "progress":
+                progress.append(json.loads(line[6:])["progress"])
+    assert kinds[0] == "status"
+    assert kinds[-2:] == ["status", "end"]
+    assert progress == sorted(progress)
+    assert server.status(job)["status"] == "successful"
+
+
+def test_a_dismissed_job_runs_again_with_the_same_result(server: Server, dataset: str) -> None:
+    inputs = {"directions": 300, "clip": False}
+    job = server.submit("sky-view", dataset=dataset, **inputs)
+    server.wait(job, "running")
+    server.http.delete(f"/jobs/{job}")
+    wait_for(lambda: server.http.post(f"/jobs/{job}/retry").status_code == 201, 10.0)
+    assert server.wait(job)["status"] == "successful"
+    twin = server.submit("sky-view", dataset=dataset, **inputs)
+    server.wait(twin)
+    results = [server.http.get(f"/jobs/{each}/results").json()["result"] for each in (job, twin)]
+    assert results[0]["sha256"] == results[1]["sha256"]

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from adret_service.engine.advisory import AdvisoryPresence
 from adret_service.engine.durable import DurableEngine, Reaper
 from adret_service.engine.liveness import Lease, is_dead, live, only_one, sweep_scratch
 from adret_service.engine.memory import MemoryEngine
-from adret_service.engine.port import JobRecord, JobStatus
+from adret_service.engine.port import JobRecord, JobStatus, KeyReused, RequestKey
 from adret_service.ids import is_id, new_id
 from adret_service.settings import Settings
 
@@ -148,6 +149,78 @@ def test_a_finished_job_never_changes_again(engine: Engine, end: str) -> None:
     engine.progress(accepted.id, 3, "x")
     assert engine.cancel(accepted.id, "t") == before
     assert engine.get(accepted.id, "t") == before
+
+
+def test_a_key_stands_for_one_order(engine: Engine) -> None:
+    key = RequestKey(key="mine", digest="a")
+    first = engine.submit(job(), key)
+    assert engine.submit(job(), key).id == first.id
+    assert engine.submit(job(tenant="t"), RequestKey(key="other", digest="a")).id != first.id
+    with pytest.raises(KeyReused):
+        engine.submit(job(), RequestKey(key="mine", digest="b"))
+    assert len(engine.list("t")) == 2
+    engine.cancel(first.id, "t")
+    assert engine.submit(job(), key).id == first.id
+    engine.remove(first.id, "t")
+    assert engine.submit(job(), key).id != first.id
+
+
+def test_a_key_that_comes_many_times_at_once_makes_one_job(engine: Engine) -> None:
+    key = RequestKey(key="mine", digest="a")
+    with ThreadPoolExecutor(8) as pool:
+        ids = {made.id for made in pool.map(lambda _: engine.submit(job(), key), range(16))}
+    assert len(ids) == 1
+    assert [record.id for record in engine.list("t")] == list(ids)
+
+
+@pytest.mark.parametrize("end", ["fail", "cancel", "succeed", None])
+def test_a_failed_or_dismissed_job_can_be_tried_again(engine: Engine, end: str | None) -> None:
+    accepted = engine.submit(job())
+    engine.begin(accepted.id)
+    engine.progress(accepted.id, 40, "running")
+    if end == "fail":
+        engine.fail(accepted.id, {"detail": "why"})
+    elif end == "cancel":
+        engine.cancel(accepted.id, "t")
+    elif end == "succeed":
+        engine.succeed(accepted.id)
+    assert engine.retry(accepted.id, "other") is None
+    again = engine.retry(accepted.id, "t")
+    if end in ("succeed", None):
+        assert again is None
+        return
+    assert again is not None
+    assert (again.status, again.progress, again.error) == (JobStatus.ACCEPTED, 0, None)
+    assert again.finished is None
+    assert engine.retry(accepted.id, "t") is None
+    assert engine.begin(accepted.id) is not None
+    assert engine.succeed(accepted.id)
+
+
+def test_what_happens_to_a_job_is_told_in_order(engine: Engine) -> None:
+    accepted, other = engine.submit(job()), engine.submit(job())
+    engine.begin(accepted.id)
+    engine.progress(accepted.id, 40, "running")
+    engine.note(accepted.id, "warning", "its computing process died")
+    engine.succeed(accepted.id)
+    engine.note(accepted.id, "info", "too late")
+    told = engine.events(accepted.id)
+    assert [event.kind for event in told] == ["status", "status", "progress", "log", "status"]
+    assert [event.body.get("status") for event in told] == [
+        "accepted",
+        "running",
+        None,
+        None,
+        "successful",
+    ]
+    assert told[2].body["progress"] == 40
+    assert told[3].body == {"level": "warning", "message": "its computing process died"}
+    numbers = [event.seq for event in told]
+    assert numbers == sorted(set(numbers))
+    assert engine.events(accepted.id, numbers[2]) == told[3:]
+    assert len(engine.events(other.id)) == 1
+    engine.remove(accepted.id, "t")
+    assert engine.events(accepted.id) == ()
 
 
 def test_only_a_finished_job_can_be_removed(engine: Engine) -> None:

@@ -26,7 +26,7 @@ from adret_service.database import jobs, open_database
 from adret_service.engine.advisory import AdvisoryLock, AdvisoryPresence
 from adret_service.engine.ledger import SqlLedger
 from adret_service.engine.liveness import FilePresence, Lease, Presence, sweep_scratch
-from adret_service.engine.port import EngineHealth, JobRecord, JobStatus
+from adret_service.engine.port import EngineHealth, JobRecord, JobStatus, RequestKey
 from adret_service.settings import WORKFLOW_VERSION, Settings
 
 __all__ = ["DurableEngine", "Reaper", "serve_queue"]
@@ -71,8 +71,8 @@ class DurableEngine(SqlLedger):
             polling_interval_sec=settings.queue_poll,
         )
 
-    def submit(self, job: JobRecord) -> JobRecord:
-        """Accept a job: its row and its place in the queue are one commit."""
+    def submit(self, job: JobRecord, key: RequestKey | None = None) -> JobRecord:
+        """Accept a job: its row, its key and its place in the queue are one commit."""
         now = time.time()
         job = JobRecord(
             id=job.id,
@@ -83,17 +83,36 @@ class DurableEngine(SqlLedger):
             created=now,
             updated=now,
         )
-        options: EnqueueOptions = {
-            "workflow_name": WORKFLOW,
-            "queue_name": QUEUE,
-            "workflow_id": job.id,
-            "app_version": WORKFLOW_VERSION,
-            "serialization_type": WorkflowSerializationFormat.PORTABLE,
-        }
-        with self.database.begin() as connection:
-            self.insert(connection, job)
-            self._client.enqueue_in_transaction(connection, options, job.id)
+        try:
+            with self.database.begin() as connection:
+                earlier = None if key is None else self.ordered(connection, job.tenant, key)
+                if earlier is not None:
+                    return earlier
+                self.insert(connection, job)
+                if key is not None:
+                    self.keep(connection, job, key)
+                self._client.enqueue_in_transaction(connection, queue_options(job.id), job.id)
+        except sa.exc.IntegrityError:
+            if key is None:
+                raise
+            with self.database.begin() as connection:  # an equal order overtook this one
+                earlier = self.ordered(connection, job.tenant, key)
+            if earlier is None:
+                raise
+            return earlier
         return job
+
+    def retry(self, job_id: str, tenant: str) -> JobRecord | None:
+        """Accept a failed or dismissed job again, with what it was ordered with."""
+        job = self.get(job_id, tenant)
+        if job is None or job.status not in (JobStatus.FAILED, JobStatus.DISMISSED):
+            return None
+        self._client.delete_workflow(job_id)
+        with self.database.begin() as connection:
+            if not self.reopen(connection, job_id, tenant):
+                return None
+            self._client.enqueue_in_transaction(connection, queue_options(job_id), job_id)
+        return self.get(job_id, tenant)
 
     def cancel(self, job_id: str, tenant: str) -> JobRecord | None:
         """Dismiss a job: its worker sees the row and stops; a waiting one leaves the queue."""
@@ -233,6 +252,17 @@ class Reaper:
                 self.look()
             except Exception:
                 log.exception("the reaper failed and will try again")
+
+
+def queue_options(job_id: str) -> EnqueueOptions:
+    """Where and how a job waits."""
+    return {
+        "workflow_name": WORKFLOW,
+        "queue_name": QUEUE,
+        "workflow_id": job_id,
+        "app_version": WORKFLOW_VERSION,
+        "serialization_type": WorkflowSerializationFormat.PORTABLE,
+    }
 
 
 def serve_queue(settings: Settings, lease: Lease, execute: Callable[[str], None]) -> None:

@@ -6,10 +6,19 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from adret_service.database import datasets, jobs
-from adret_service.engine.port import FINISHED, JobRecord, JobStatus
+from adret_service.database import datasets, events, jobs, keys
+from adret_service.engine.port import (
+    FINISHED,
+    JobEvent,
+    JobRecord,
+    JobStatus,
+    KeyReused,
+    RequestKey,
+)
 
 __all__ = ["OPEN", "SqlLedger"]
+
+PAGE = 1000  # events that are returned at once
 
 OPEN = jobs.c.status.notin_([str(status) for status in FINISHED])
 
@@ -59,6 +68,33 @@ class SqlLedger:
             rows = connection.execute(query.order_by(jobs.c.id.desc()).limit(limit)).all()
         return [to_record(row) for row in rows]
 
+    def ordered(self, connection: sa.Connection, tenant: str, key: RequestKey) -> JobRecord | None:
+        """Return the job of an earlier order with this key, if it still exists.
+
+        Raises
+        ------
+        KeyReused
+            If that order was another one.
+        """
+        query = sa.select(keys).where(keys.c.tenant == tenant, keys.c.key == key.key)
+        known = connection.execute(query).first()
+        if known is None:
+            return None
+        if known.digest != key.digest:
+            raise KeyReused(key.key)
+        row = connection.execute(sa.select(jobs).where(jobs.c.id == known.job)).first()
+        if row is None:
+            connection.execute(keys.delete().where(keys.c.job == known.job))
+        return None if row is None else to_record(row)
+
+    def keep(self, connection: sa.Connection, job: JobRecord, key: RequestKey) -> None:
+        """Remember that this key stands for this job."""
+        connection.execute(
+            keys.insert().values(
+                tenant=job.tenant, key=key.key, digest=key.digest, job=job.id, created=job.created
+            )
+        )
+
     def insert(self, connection: sa.Connection, job: JobRecord) -> None:
         """Add the row of a new job inside the caller's transaction.
 
@@ -75,6 +111,43 @@ class SqlLedger:
         connection.execute(jobs.insert().values(**fields))
         if connection.execute(dataset.with_for_update(read=True)).first() is None:
             raise LookupError(job.dataset)
+        self._tell(connection, job.id, "status", status=str(job.status), message=job.message)
+
+    def reopen(self, connection: sa.Connection, job_id: str, tenant: str) -> bool:
+        """Make a failed or dismissed job wait again; False if it is neither."""
+        ended = (str(JobStatus.FAILED), str(JobStatus.DISMISSED))
+        values = {
+            "status": str(JobStatus.ACCEPTED),
+            "message": "waiting for a worker, again",
+            "progress": 0,
+        }
+        statement = (
+            jobs.update()
+            .where(jobs.c.id == job_id, jobs.c.tenant == tenant, jobs.c.status.in_(ended))
+            .values(**values, error=None, finished=None, revivals=0, updated=time.time())
+        )
+        if connection.execute(statement).rowcount != 1:
+            return False
+        self._tell(connection, job_id, "status", **values)
+        return True
+
+    def events(self, job_id: str, after: int = 0) -> tuple[JobEvent, ...]:
+        """Return what happened to a job since the event with that number, oldest first."""
+        query = (
+            sa.select(events.c.seq, events.c.at, events.c.kind, events.c.body)
+            .where(events.c.job == job_id, events.c.seq > after)
+            .order_by(events.c.seq)
+            .limit(PAGE)
+        )
+        with self.database.connect() as connection:
+            return tuple(JobEvent(**row._mapping) for row in connection.execute(query))
+
+    def note(self, job_id: str, level: str, message: str) -> None:
+        """Write a line into the log of an unfinished job."""
+        with self.database.begin() as connection:
+            known = sa.select(jobs.c.id).where(jobs.c.id == job_id, OPEN)
+            if connection.execute(known).first() is not None:
+                self._tell(connection, job_id, "log", level=level, message=message)
 
     def dismiss(self, job_id: str, tenant: str) -> bool:
         """Mark an unfinished job dismissed; False if it was finished or unknown."""
@@ -90,7 +163,11 @@ class SqlLedger:
         """Delete the row of a finished job."""
         statement = jobs.delete().where(jobs.c.id == job_id, jobs.c.tenant == tenant, ~OPEN)
         with self.database.begin() as connection:
-            return connection.execute(statement).rowcount == 1
+            if connection.execute(statement).rowcount != 1:
+                return False
+            connection.execute(events.delete().where(events.c.job == job_id))
+            connection.execute(keys.delete().where(keys.c.job == job_id))
+        return True
 
     def count(self, status: JobStatus) -> int:
         """Return how many jobs of all tenants are in this state."""
@@ -159,4 +236,13 @@ class SqlLedger:
             .values(updated=time.time(), **values)
         )
         with self.database.begin() as connection:
-            return connection.execute(statement).rowcount == 1
+            if connection.execute(statement).rowcount != 1:
+                return False
+            told = {k: v for k, v in values.items() if k in ("status", "progress", "message")}
+            kind = "status" if "status" in told else "progress" if "progress" in told else "log"
+            self._tell(connection, job_id, kind, **told)
+        return True
+
+    def _tell(self, connection: sa.Connection, job_id: str, kind: str, **body: Any) -> None:
+        row = {"job": job_id, "at": time.time(), "kind": kind, "body": body}
+        connection.execute(events.insert().values(**row))

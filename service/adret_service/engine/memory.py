@@ -6,7 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from adret_service.engine.port import EngineHealth, JobRecord, JobStatus
+from adret_service.engine.port import (
+    EngineHealth,
+    JobEvent,
+    JobRecord,
+    JobStatus,
+    KeyReused,
+    RequestKey,
+)
 
 __all__ = ["MemoryEngine"]
 
@@ -16,15 +23,53 @@ class MemoryEngine:
 
     def __init__(self, *, workers: int = 1) -> None:
         self._jobs: dict[str, JobRecord] = {}
-        self._lock = threading.Lock()
+        self._keys: dict[tuple[str, str], tuple[str, str]] = {}
+        self._events: list[tuple[str, JobEvent]] = []
+        self._lock = threading.RLock()
         self.workers = workers
 
-    def submit(self, job: JobRecord) -> JobRecord:
+    def submit(self, job: JobRecord, key: RequestKey | None = None) -> JobRecord:
         """Accept a job."""
         now = time.time()
         with self._lock:
+            if key is not None:
+                digest, known = self._keys.get((job.tenant, key.key), (key.digest, job.id))
+                if digest != key.digest:
+                    raise KeyReused(key.key)
+                if known in self._jobs:
+                    return self._jobs[known]
+                self._keys[job.tenant, key.key] = key.digest, job.id
             self._jobs[job.id] = replace(job, created=now, updated=now)
+            self._tell(job.id, "status", status=str(job.status), message=job.message)
             return self._jobs[job.id]
+
+    def retry(self, job_id: str, tenant: str) -> JobRecord | None:
+        """Accept a failed or dismissed job again."""
+        with self._lock:
+            job = self.get(job_id, tenant)
+            if job is None or job.status not in (JobStatus.FAILED, JobStatus.DISMISSED):
+                return None
+            told = {"message": "waiting for a worker, again", "progress": 0}
+            self._jobs[job_id] = replace(
+                job,
+                status=JobStatus.ACCEPTED,
+                error=None,
+                finished=None,
+                revivals=0,
+                updated=time.time(),
+                **told,  # type: ignore[arg-type]
+            )
+            self._tell(job_id, "status", status=str(JobStatus.ACCEPTED), **told)
+            return self._jobs[job_id]
+
+    def events(self, job_id: str, after: int = 0) -> tuple[JobEvent, ...]:
+        """Return what happened to a job."""
+        return tuple(event for job, event in self._events if job == job_id and event.seq > after)
+
+    def note(self, job_id: str, level: str, message: str) -> None:
+        """Write a line into the job's log."""
+        if self.wanted(job_id):
+            self._tell(job_id, "log", level=level, message=message)
 
     def get(self, job_id: str, tenant: str) -> JobRecord | None:
         """Return the tenant's job or None."""
@@ -64,6 +109,8 @@ class MemoryEngine:
         if job is None or not job.is_finished:
             return False
         with self._lock:
+            self._events = [entry for entry in self._events if entry[0] != job_id]
+            self._keys = {k: v for k, v in self._keys.items() if v[1] != job_id}
             return self._jobs.pop(job_id, None) is not None
 
     def waiting(self) -> int:
@@ -124,4 +171,14 @@ class MemoryEngine:
             if job is None or job.is_finished:
                 return False
             self._jobs[job_id] = replace(job, updated=time.time(), **changes)
+            told = {k: v for k, v in changes.items() if k in ("status", "progress", "message")}
+            kind = "status" if "status" in told else "progress"
+            self._tell(
+                job_id, kind, **{k: v if k == "progress" else str(v) for k, v in told.items()}
+            )
             return True
+
+    def _tell(self, job_id: str, kind: str, **body: Any) -> None:
+        with self._lock:
+            seq = self._events[-1][1].seq + 1 if self._events else 1
+            self._events.append((job_id, JobEvent(seq=seq, at=time.time(), kind=kind, body=body)))

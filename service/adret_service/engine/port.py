@@ -5,7 +5,17 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Protocol
 
-__all__ = ["FINISHED", "EngineHealth", "JobEngine", "JobLedger", "JobRecord", "JobStatus"]
+__all__ = [
+    "FINISHED",
+    "EngineHealth",
+    "JobEngine",
+    "JobEvent",
+    "JobLedger",
+    "JobRecord",
+    "JobStatus",
+    "KeyReused",
+    "RequestKey",
+]
 
 
 class JobStatus(StrEnum):
@@ -47,6 +57,28 @@ class JobRecord:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class JobEvent:
+    """Something that happened to a job; `seq` grows, `kind` is status, progress or log."""
+
+    seq: int
+    at: float
+    kind: str
+    body: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RequestKey:
+    """A client's name for one order, and the digest of what it ordered."""
+
+    key: str
+    digest: str
+
+
+class KeyReused(Exception):
+    """A request key was used before, for another order."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class EngineHealth:
     """What readiness needs to know."""
 
@@ -59,10 +91,11 @@ class EngineHealth:
 class JobEngine(Protocol):
     """The API's side: accept, look up, cancel, remove. Every call is scoped to a tenant."""
 
-    def submit(self, job: JobRecord) -> JobRecord:
+    def submit(self, job: JobRecord, key: RequestKey | None = None) -> JobRecord:
         """Accept a job durably: when this returns, the job will be run.
 
-        Raises LookupError if its dataset is gone.
+        An order with a key that was used for an equal order returns that order's job. Raises
+        LookupError if its dataset is gone, KeyReused if the key was used for another order.
         """
 
     def get(self, job_id: str, tenant: str) -> JobRecord | None:
@@ -81,6 +114,12 @@ class JobEngine(Protocol):
 
     def cancel(self, job_id: str, tenant: str) -> JobRecord | None:
         """Dismiss an unfinished job at once; a finished one is returned as it is."""
+
+    def retry(self, job_id: str, tenant: str) -> JobRecord | None:
+        """Accept a failed or dismissed job again; None if it is neither."""
+
+    def events(self, job_id: str, after: int = 0) -> tuple[JobEvent, ...]:
+        """Return what happened to a job since the event with that number, oldest first."""
 
     def remove(self, job_id: str, tenant: str) -> bool:
         """Forget a finished job; False if it is unknown or not finished."""
@@ -106,6 +145,9 @@ class JobLedger(Protocol):
 
     def progress(self, job_id: str, percent: int, message: str) -> None:
         """Note progress of a running job."""
+
+    def note(self, job_id: str, level: str, message: str) -> None:
+        """Write a line into the log of an unfinished job."""
 
     def succeed(self, job_id: str) -> bool:
         """Mark success; False if the job was dismissed meanwhile."""

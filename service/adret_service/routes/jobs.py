@@ -1,5 +1,7 @@
 """Jobs: accepted, running, then successful, failed or dismissed; their results; their end."""
 
+import math
+import time
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request, Response
@@ -16,6 +18,7 @@ from adret_service.storage import Artefact
 
 router = APIRouter(tags=["jobs"])
 
+STOPPING = 2.0  # seconds within which a dismissed job leaves its worker
 ALIASES = {"preview.png": "preview", "result.tif": "result"}
 BINARY: dict[int | str, dict[str, Any]] = {
     200: {"description": "The whole file.", "content": {"image/tiff": {}, "image/png": {}}},
@@ -81,6 +84,30 @@ def delete_job(job_id: str, service: ServiceDep, tenant: Tenant, base: BaseUrl) 
     service.engine.remove(job_id, tenant)
     service.storage.delete(results_prefix(job))
     return status_info(job, base) | {"message": "removed"}
+
+
+@router.post(
+    "/jobs/{job_id}/retry",
+    status_code=201,
+    operation_id="retry",
+    response_model=StatusInfo,
+    response_model_exclude_unset=True,
+)
+def retry_job(
+    job_id: str, response: Response, service: ServiceDep, tenant: Tenant, base: BaseUrl
+) -> dict[str, Any]:
+    """Run a failed or dismissed job again, as it was ordered."""
+    job = found_job(service, job_id, tenant)
+    stopping = job.status is JobStatus.DISMISSED and time.time() - job.updated < STOPPING
+    if stopping:
+        headers = {"Retry-After": str(math.ceil(STOPPING))}
+        raise Problem(409, "the job is still stopping", headers=headers)
+    again = service.engine.retry(job_id, tenant)
+    if again is None:
+        error = FieldError("status", "failed or dismissed", str(job.status))
+        raise Problem(409, str(error), errors=[error])
+    response.headers["Location"] = f"{base}/jobs/{job_id}"
+    return status_info(again, base)
 
 
 @router.get(
@@ -163,6 +190,8 @@ def status_info(job: JobRecord, base: str) -> dict[str, Any]:
     href = f"{base}/jobs/{job.id}"
     links = [
         {"rel": "self", "type": "application/json", "href": href, "title": "this job"},
+        {"rel": "events", "type": "text/event-stream", "href": f"{href}/events"},
+        {"rel": "logs", "type": "application/json", "href": f"{href}/logs"},
     ]
     if job.status is JobStatus.SUCCESSFUL:
         rel = "http://www.opengis.net/def/rel/ogc/1.0/results"

@@ -1,14 +1,16 @@
 """What can be computed, and the order to compute it."""
 
+import hashlib
+import json
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from adret_service import processes
 from adret_service.context import BaseUrl, ServiceDep, Tenant
 from adret_service.documents import Process, ProcessList, StatusInfo
-from adret_service.engine.port import JobRecord
+from adret_service.engine.port import JobRecord, KeyReused, RequestKey
 from adret_service.ids import new_id
 from adret_service.problems import NO_SUCH_PROCESS, FieldError, Problem, invalid
 from adret_service.routes.datasets import require_room
@@ -86,6 +88,15 @@ def execute_process(
     service: ServiceDep,
     tenant: Tenant,
     base: BaseUrl,
+    key: Annotated[
+        str | None,
+        Header(
+            alias="Idempotency-Key",
+            min_length=1,
+            max_length=255,
+            description="A name for this order: sent again, it is answered with the same job.",
+        ),
+    ] = None,
 ) -> dict[str, Any]:
     """Order a computation; it runs in a worker, and `Location` is its job."""
     _known(process_id)
@@ -105,14 +116,24 @@ def execute_process(
         detail = f"queue: must be below {service.settings.queue_max} waiting jobs, got {waiting}"
         raise Problem(503, detail, headers={"Retry-After": "30"})
     job = JobRecord(id=new_id(), tenant=tenant, process=process_id, dataset=dataset, inputs=inputs)
+    named = None if key is None else RequestKey(key=key, digest=digest_of(job))
     try:
-        job = service.engine.submit(job)
+        job = service.engine.submit(job, named)
     except LookupError:
         raise invalid(unknown) from None
+    except KeyReused:
+        error = FieldError("Idempotency-Key", "new, or sent with the order it was made for", key)
+        raise Problem(422, str(error), errors=[error]) from None
     response.headers["Location"] = f"{base}/jobs/{job.id}"
     if "respond-async" in request.headers.get("prefer", ""):
         response.headers["Preference-Applied"] = "respond-async"
     return status_info(job, base)
+
+
+def digest_of(job: JobRecord) -> str:
+    """Return the digest of what was ordered."""
+    ordered = [job.process, job.dataset, dict(job.inputs)]
+    return hashlib.sha256(json.dumps(ordered, sort_keys=True).encode()).hexdigest()
 
 
 def _known(process_id: str) -> None:

@@ -128,7 +128,8 @@ def viewshed(
 
     Every target gets the verdict of its own line. The lines of a narrow wedge share bounds of
     their crossings, which leave few crossings that could be the highest: those are looked at.
-    The time grows with the number of cells, except on ground so even that all crossings tie.
+    The time grows with the number of cells, except on an even slope that is looked at from exactly
+    its own height, where all crossings tie.
 
     Examples
     --------

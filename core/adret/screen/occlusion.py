@@ -28,6 +28,7 @@ __all__ = ["METHODS", "AOResult", "Estimate", "ScreenReport", "ambient_occlusion
 Progress = Callable[[int, int], None]
 
 METHODS: dict[str, str] = {
+    "exact": "adret.screen.exact",
     "crytek": "adret.screen.crytek",
     "hbao": "adret.screen.hbao",
     "lightfield": "adret.screen.lightfield",

@@ -1,0 +1,206 @@
+"""First hits in slices through the view ray, where all behind the surface is solid.
+
+Seen from a receiver such a solid hides, on one side of a slice, everything below a horizon. Going
+outward the horizon only rises, and whatever a step raises it by is first hit there. So a slice is a
+running maximum of slopes, four samples at a time for a whole block of receivers, and now and then
+an interval of directions with known distances (`intervals`).
+"""
+
+import numpy as np
+
+from adret._kernels.jit import greater, kernel, parallel_kernel, prange
+from adret._kernels.screen.intervals import any_rose, lanes, settle, slope_of
+from adret._kernels.screen.slices import (
+    BASE,
+    LANES,
+    RAISED,
+    SIZE,
+    ZERO,
+    add_direction,
+    aim,
+    farthest,
+    leave,
+    place,
+    write,
+)
+
+GROUP = 4
+
+
+@kernel
+def raise_by_four(
+    a0, b0, a1, b1, a2, b2, a3, b3, base, raised, p0, p1, p2, p3, q0, q1, q2, q3, l0, l1, l2, l3,
+    v0, v1, v2, v3,
+):  # fmt: skip
+    """Raise the horizon of receivers by four samples; four at a time keep the store plain."""
+    c0, c1, c2, c3 = q0 > p0, q1 > p1, q2 > p2, q3 > p3
+    for x in range(len(base)):
+        h = base[x]
+        s = greater(slope_of(a0[x], b0[x], p0, q0, l0, c0, h, v0), raised[x])
+        s = greater(slope_of(a1[x], b1[x], p1, q1, l1, c1, h, v1), s)
+        s = greater(slope_of(a2[x], b2[x], p2, q2, l2, c2, h, v2), s)
+        raised[x] = greater(slope_of(a3[x], b3[x], p3, q3, l3, c3, h, v3), s)
+
+
+@kernel
+def raise_lanes(near, w, low, high, at, o, p, q, lone, v, j):
+    """Raise the horizon of receivers low to high - 1 by samples j to j + 3."""
+    at += low
+    n = high - low
+    raise_by_four(
+        near[at + o[j, 0] : at + o[j, 0] + n],
+        near[at + o[j, 3] : at + o[j, 3] + n],
+        near[at + o[j + 1, 0] : at + o[j + 1, 0] + n],
+        near[at + o[j + 1, 3] : at + o[j + 1, 3] + n],
+        near[at + o[j + 2, 0] : at + o[j + 2, 0] + n],
+        near[at + o[j + 2, 3] : at + o[j + 2, 3] + n],
+        near[at + o[j + 3, 0] : at + o[j + 3, 0] + n],
+        near[at + o[j + 3, 3] : at + o[j + 3, 3] + n],
+        w[BASE + low : BASE + high],
+        w[RAISED + low : RAISED + high],
+        p[j], p[j + 1], p[j + 2], p[j + 3],
+        q[j], q[j + 1], q[j + 2], q[j + 3],
+        lone[j], lone[j + 1], lone[j + 2], lone[j + 3],
+        v[j], v[j + 1], v[j + 2], v[j + 3],
+    )  # fmt: skip
+
+
+@kernel
+def go_out(
+    near, shape, w, n, row, first, at, o, p, q, lone, v, s, start, stop, reach, stride, growth,
+    cosine, uniform, tolerance, code, radius, scale, table,
+):  # fmt: skip
+    """Go through the samples of one direction of the image; returns how many were needed."""
+    settled = start
+    before = ZERO
+    i = start
+    while i < stop:
+        low, high = lanes(shape, row, first, n, o, i + GROUP - 1)
+        if s[i] > reach or high <= low:
+            break
+        raise_lanes(near, w, low, high, at, o, p, q, lone, v, i)
+        i += GROUP
+        if s[i - 1] - before >= stride + growth * before:
+            if any_rose(w, n):
+                settle(
+                    near, shape, w, n, row, first, at, o, p, q, lone, v, s, settled, i, before,
+                    cosine, uniform, tolerance, code, radius, scale, table,
+                )  # fmt: skip
+            settled = i
+            before = s[i - 1]
+    if i > settled and any_rose(w, n):
+        settle(
+            near, shape, w, n, row, first, at, o, p, q, lone, v, s, settled, i, before, cosine,
+            uniform, tolerance, code, radius, scale, table,
+        )  # fmt: skip
+    return i - start
+
+
+@kernel
+def border(row, first, step, n, shape, along_column, along_row):
+    """Way in the image to its border [pixels], of the receiver of a block that is nearest to it."""
+    rows, columns = shape
+    way = np.inf
+    if along_row != 0.0:
+        way = (rows - 1 - row if along_row > 0.0 else row) / abs(along_row)
+    if along_column != 0.0:
+        last = columns - 1 - (first + step * (n - 1))
+        way = min(way, (last if along_column > 0.0 else first) / abs(along_column))
+    return way
+
+
+@parallel_kernel
+def slices(
+    near, pad, shape, normal, rays, perspective, frame, o, p, q, lone, v, s, lines, along,
+    stride, growth, cosine, uniform, tolerance, code, radius, scale, table, occlusion,
+    confidence, bent, used,
+):  # fmt: skip
+    """Occlusion of a frame by horizons with falloff.
+
+    Parameters
+    ----------
+    near : (R, T, W) float32
+        Nearness, padded by NaN: pixel (r, c) is [r + pad[0], c % T, c // T + pad[1]].
+    pad : (int, int)
+        Padding above and to the left; at least the way between the first and the last sample of
+        a group, on every side.
+    shape : (int, int)
+        Rows and columns of the image.
+    normal, rays, perspective
+        As in `Field`.
+    frame : (int, int, int, int)
+        Receivers: row0, row1, column0, column1.
+    o : (S, 6) int64
+        Of a sample's first pixel: shift in `near`, counted flat; in rows; and in W. Then the same
+        of its second pixel.
+    p, q, lone, v, s : (S,) float32
+        Slope of a sample is p first + q second - v base, with one of them missing lone nearer -
+        v base; `s` is its way in the image [pixels].
+    lines : (T, T, K, 2) int64
+        First sample of a line and the one after its last, by row and column modulo T; a multiple
+        of `GROUP` samples.
+    along : (T, T, K, 2) float64
+        Directions (columns, rows), unit.
+    stride, growth : float32
+        An interval is closed after `stride` times the way to the radius plus `growth` times the
+        way gone.
+    cosine, uniform : float32
+        1 and 0, or 0 and 1.
+    tolerance : float32
+        Largest difference of weights times width [radians] of an interval taken as one.
+    code, radius, scale, table
+        Falloff.
+    occlusion, confidence : (row1 - row0, column1 - column0) float32
+        Outputs.
+    bent : (3, row1 - row0, column1 - column0) float32
+        Output: mean open direction, unit.
+    used : (row1 - row0, 2) int64
+        Output: samples times blocks gone through, and directions times blocks.
+    """
+    row0, row1, column0, column1 = frame
+    tile, width = near.shape[1], near.shape[2]
+    padded = near.shape
+    flat = near.reshape(near.size)
+    ax, ay = np.float32(rays[0]), np.float32(rays[2])
+    for row in prange(row0, row1):
+        w = np.empty(SIZE, dtype=np.float32)
+        gone = 0
+        turns = 0
+        for phase in range(tile):
+            begin = (column0 - phase + tile - 1) // tile
+            end = (column1 - phase + tile - 1) // tile
+            for first in range(begin, end, LANES):
+                n = min(LANES, end - first)
+                column = phase + tile * first
+                at = ((row + pad[0]) * tile + phase) * width + first + pad[1]
+                y = place(flat, at, normal, row, column, tile, n, rays, perspective, radius, w)
+                for k in range(lines.shape[2]):
+                    dc = np.float32(along[row % tile, phase, k, 0])
+                    dr = np.float32(along[row % tile, phase, k, 1])
+                    ex = ax * dc
+                    ey = ay * dr
+                    aim(w, n, y, ex, ey, dc, dr, perspective, cosine, uniform)
+                    reach, least = farthest(w, n, perspective)
+                    gone += go_out(
+                        flat, padded, w, n, row + pad[0], first + pad[1], at, o, p, q, lone, v,
+                        s, lines[row % tile, phase, k, 0], lines[row % tile, phase, k, 1], reach,
+                        least * stride, growth, cosine, uniform, tolerance, code, radius, scale,
+                        table,
+                    )  # fmt: skip
+                    turns += 1
+                    if reach > border(row, column, tile, n, shape, dc, dr):
+                        leave(w, n, column, tile, row, shape, dc, dr, radius, cosine, uniform)
+                    add_direction(w, n, y, ex, ey)
+                i = row - row0
+                j = column - column0
+                write(
+                    w,
+                    n,
+                    cosine,
+                    uniform,
+                    occlusion[i, j::tile],
+                    confidence[i, j::tile],
+                    bent[:, i, j::tile],
+                )
+        used[row - row0, 0] = gone
+        used[row - row0, 1] = turns

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from adret.screen.camera import Camera
+    from adret.screen.crytek import color_bleeding
     from adret.screen.depth import DepthBuffer, DepthPrecisionWarning
     from adret.screen.falloffs import make_falloff
     from adret.screen.normals import view_normals
@@ -26,6 +27,7 @@ _HOME = {
     "Relief": "vao",
     "ScreenReport": "occlusion",
     "ambient_occlusion": "occlusion",
+    "color_bleeding": "crytek",
     "make_falloff": "falloffs",
     "view_normals": "normals",
 }
@@ -41,6 +43,7 @@ __all__ = [
     "Relief",
     "ScreenReport",
     "ambient_occlusion",
+    "color_bleeding",
     "make_falloff",
     "view_normals",
 ]

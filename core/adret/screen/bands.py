@@ -8,11 +8,13 @@ from numpy.typing import NDArray
 
 from adret.screen.field import Field
 
-__all__ = ["Layer", "run_in_bands"]
+__all__ = ["NO_COLOR", "Frame", "Layer", "no_light", "run_in_bands"]
 
 Layer = NDArray[np.float32]
 Frame = tuple[int, int, int, int]
 BANDS = 16
+NO_COLOR = np.zeros((0, 1, 1), dtype=np.float32)
+"""What containment tests take where no light is asked for."""
 
 
 def run_in_bands(
@@ -43,3 +45,8 @@ def run_in_bands(
     if progress is not None:
         progress(len(edges) - 1, len(edges) - 1)
     return occlusion, confidence
+
+
+def no_light(occlusion: Layer) -> Layer:
+    """Where containment tests add the light of no color."""
+    return np.zeros((0, *occlusion.shape), dtype=np.float32)

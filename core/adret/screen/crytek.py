@@ -1,10 +1,10 @@
 """Crytek's ambient occlusion (S1): how much of a ball round each point is solid."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from adret._kernels.screen.containment import (
     FADE_BY_DEPTH,
@@ -16,14 +16,15 @@ from adret._kernels.screen.containment import (
 )
 from adret._kernels.screen.surface import to_nearness
 from adret.errors import InputError
-from adret.screen.bands import Layer, run_in_bands
+from adret.screen.bands import NO_COLOR, Frame, Layer, run_in_bands
+from adret.screen.depth import DepthBuffer
 from adret.screen.field import Field
 from adret.screen.occlusion import Estimate, Progress
 from adret.screen.options import Options as Base
-from adret.screen.options import option
+from adret.screen.options import make_options, option
 from adret.screen.samples import rotations
 
-__all__ = ["Options", "estimate", "nearness_of", "published_kernel"]
+__all__ = ["Options", "color_bleeding", "estimate", "nearness_of", "published_kernel"]
 
 CHECKS = {"none": KEEP, "radius": FADE_BY_RADIUS, "depth": FADE_BY_DEPTH}
 
@@ -142,6 +143,74 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     >>> ambient_occlusion(wall, method="crytek", radius=0.1).occlusion.mean()
     np.float32(0.5)
     """
+    occlusion, confidence, _ = _tested(field, options, NO_COLOR, progress)
+    if options.amplify:
+        free = 1.0 - occlusion
+        occlusion = 1.0 - np.minimum(free * free + free, np.float32(1.0))
+    return Estimate(occlusion, confidence, None, {})
+
+
+def color_bleeding(
+    buffer: DepthBuffer, color: ArrayLike, *, progress: Progress | None = None, **options: Any
+) -> Layer:
+    """Light that the samples' surfaces send to each pixel: colors of what occludes it.
+
+    Parameters
+    ----------
+    buffer : DepthBuffer
+    color : array_like, shape (rows, columns) or (bands, rows, columns), real
+        What each pixel of the buffer sends, in any unit.
+    progress : callable, optional
+        Called as progress(done, total); it may raise `Cancelled`.
+    **options
+        Those of the method "crytek". The default of `domain` is "hemisphere" here, because the
+        whole sphere finds the surface itself.
+
+    Returns
+    -------
+    ndarray, of the shape of the frame, or with bands in front, float32
+        Mean over the samples of the color of the pixel behind whose surface each lies, 0 for
+        those that lie behind none; 0 at sky and holes. Times a surface's reflectance it is one
+        bounce; of one color it is that color times the occlusion.
+
+    Raises
+    ------
+    InputError
+        If the color does not fit the buffer, is not finite, or an option cannot be used.
+
+    References
+    ----------
+    V. Kajalin, "Screen-Space Ambient Occlusion", ShaderX7, 2009, section 6.1, names the idea,
+    "screen-space indirect lighting", and gives no formula; this is the plainest one.
+
+    Examples
+    --------
+    >>> from adret import Camera, DepthBuffer
+    >>> depth = np.where(np.arange(16) < 8, 2.6, 3.0) * np.ones((16, 1))
+    >>> buffer = DepthBuffer(depth, Camera.perspective(16, 16, fov_y_deg=60.0))
+    >>> red = np.stack([depth < 2.8, 0.0 * depth])
+    >>> color_bleeding(buffer, red, radius=0.5).max(axis=(1, 2)).round(1)
+    array([0.2, 0. ], dtype=float32)
+    """
+    if not isinstance(buffer, DepthBuffer):
+        raise InputError("buffer", "a DepthBuffer", type(buffer).__name__)
+    given = np.asarray(color)
+    if given.dtype.kind not in "biuf" or given.ndim not in (2, 3):
+        limit = "real, of shape (rows, columns) or (bands, rows, columns)"
+        raise InputError("color", limit, f"{given.dtype} {given.shape}")
+    if given.shape[-2:] != buffer.shape or not np.isfinite(given).all():
+        raise InputError("color", f"finite, of {buffer.shape} pixels", given.shape)
+    chosen = make_options(Options, "crytek", {"domain": "hemisphere", **options})
+    assert isinstance(chosen, Options)
+    bands = np.ascontiguousarray(given.reshape(-1, *buffer.shape), dtype=np.float32)
+    _, _, light = _tested(buffer.field, chosen, bands, progress)
+    return light[0] if given.ndim == 2 else light
+
+
+def _tested(
+    field: Field, options: Options, color: Layer, progress: Progress | None
+) -> tuple[Layer, Layer, Layer]:
+    """Occlusion, confidence and light (bands, rows, columns) of the frame."""
     nearness = nearness_of(field)
     turns = rotations(options.tile**2, options.seed)
     kernel = published_kernel(options.samples)
@@ -151,8 +220,9 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     radius = options.radius
     if in_frame:
         radius *= float(field.rays[0]) * field.shape[1]
+    light = np.zeros((len(color), *field.shape), dtype=np.float32)
 
-    def fill(part: tuple[int, int, int, int], occlusion: Layer, confidence: Layer) -> None:
+    def fill(part: Frame, occlusion: Layer, confidence: Layer) -> None:
         containment(
             nearness,
             field.normal,
@@ -167,12 +237,11 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
             VIEW if sphere else MIRRORED,
             0.5 if sphere else 0.0,
             CHECKS[options.range_check],
+            color,
             occlusion,
             confidence,
+            light[:, part[0] - field.frame[0] : part[1] - field.frame[0]],
         )
 
     occlusion, confidence = run_in_bands(field, fill, progress)
-    if options.amplify:
-        free = 1.0 - occlusion
-        occlusion = 1.0 - np.minimum(free * free + free, np.float32(1.0))
-    return Estimate(occlusion, confidence, None, {})
+    return occlusion, confidence, light

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from adret._kernels.screen.containment import KEEP, VIEW, containment
 from adret._kernels.screen.positions import add_tests
-from adret.screen.bands import Layer, run_in_bands
+from adret.screen.bands import NO_COLOR, Layer, no_light, run_in_bands
 from adret.screen.crytek import nearness_of
 from adret.screen.field import Field
 from adret.screen.occlusion import AOResult, Estimate, Progress, ScreenReport, strengthened
@@ -132,8 +132,10 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
                 VIEW,
                 NEUTRAL,
                 KEEP,
+                NO_COLOR,
                 shares,
                 seen,
+                no_light(shares),
             )
 
         shares, seen = run_in_bands(field, fill, _part(progress, k, options.radii))

@@ -11,7 +11,7 @@ from adret._kernels.screen.containment import KEEP, TANGENT, containment
 from adret._kernels.screen.relief import containment_over_relief
 from adret._kernels.screen.vao import pipes
 from adret.errors import InputError
-from adret.screen.bands import Layer, run_in_bands
+from adret.screen.bands import NO_COLOR, Layer, no_light, run_in_bands
 from adret.screen.crytek import nearness_of
 from adret.screen.field import Field
 from adret.screen.occlusion import Estimate, Progress
@@ -228,8 +228,10 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
                     TANGENT,
                     0.0,
                     KEEP,
+                    NO_COLOR,
                     occlusion,
                     confidence,
+                    no_light(occlusion),
                 )
             else:
                 containment_over_relief(

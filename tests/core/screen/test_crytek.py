@@ -8,7 +8,7 @@ from screen_buffers import depth_at, framed, measured, pixel, point, rough
 
 import screen_scenes
 from adret import Camera, DepthBuffer, InputError
-from adret.screen import ambient_occlusion
+from adret.screen import ambient_occlusion, color_bleeding
 from adret.screen.crytek import published_kernel
 from adret.screen.samples import rotations
 
@@ -148,3 +148,42 @@ def test_samples_come_in_cubes():
     buffer, _, _ = framed(screen_scenes.look(screen_scenes.plane(), "orthographic", 12))
     with pytest.raises(InputError, match="samples: must be a multiple of 8, got 12"):
         ambient_occlusion(buffer, method="crytek", samples=12)
+
+
+@pytest.mark.parametrize("perspective", [True, False])
+def test_one_color_bleeds_as_much_as_it_occludes(perspective):
+    buffer = rough(perspective, guard_band=(1, 0, 2, 3))
+    options = {"radius": 0.5, "domain": "hemisphere", "seed": 3}
+    occlusion = ambient_occlusion(buffer, method="crytek", **options).occlusion
+    bled = color_bleeding(
+        buffer, np.stack([np.full(buffer.shape, 0.5), np.ones(buffer.shape)]), **options
+    )
+    known = ~np.isnan(buffer.depth[1:-2, 3:])
+    assert np.allclose(bled[1][known], occlusion[known], atol=1e-6)
+    assert np.allclose(bled[0], 0.5 * bled[1], atol=1e-6)
+    assert np.all(bled[:, ~known] == 0.0)
+
+
+def test_a_red_wall_bleeds_on_a_floor_and_not_on_itself():
+    depth = np.where(np.arange(60) < 30, 5.0, 4.0) * np.ones((40, 1))
+    buffer = DepthBuffer(depth, Camera.orthographic(60, 40, extent=(6.0, 4.0)))
+    red = (depth < 4.5).astype(float)
+    bled = color_bleeding(buffer, red, radius=0.8, range_check="none")
+    occlusion = ambient_occlusion(
+        buffer, method="crytek", radius=0.8, range_check="none", domain="hemisphere"
+    ).occlusion
+    assert np.all(bled[:, 33:] == 0.0)
+    # What occludes the floor is the step, and all but its lower half pixel is red.
+    assert np.allclose(bled[12:28, 22:29], occlusion[12:28, 22:29], atol=0.07)
+    assert bled[12:28, 29].mean() > 0.2
+    assert np.all(color_bleeding(buffer, 1.0 - red, radius=0.8)[:, 45:58] == 0.0)
+
+
+def test_a_color_that_does_not_fit_is_refused():
+    buffer = rough(True)
+    with pytest.raises(InputError, match="color: must be finite, of"):
+        color_bleeding(buffer, np.zeros((3, 4, 5)))
+    with pytest.raises(InputError, match="color: must be finite, of"):
+        color_bleeding(buffer, np.full(buffer.shape, np.nan))
+    with pytest.raises(InputError, match="color: must be real, of shape"):
+        color_bleeding(buffer, np.zeros(4))

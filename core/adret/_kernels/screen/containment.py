@@ -74,8 +74,10 @@ def contain_row(
     axes,
     neutral,
     check,
+    color,
     occlusion,
     confidence,
+    light,
 ):
     """One row of `containment`."""
     ax, bx, ay, by = rays[0], rays[1], rays[2], rays[3]
@@ -118,14 +120,21 @@ def contain_row(
             for i in range(count):
                 near = nears[i]
                 term = neutral
+                sent = 0.0
                 if inside(nearness, rows[i], columns[i]) and (near > 0.0 or not perspective):
                     seen += 1
                     surface = surface_at(nearness, rows[i], columns[i])
                     term = 1.0 if near + ROUNDING * abs(surface) < surface else 0.0
+                    sent = term
                     if surface > limit:
                         share = faded(check, perspective, z, reach, surface)
-                        term = share * neutral + (1.0 - share) * term
+                        sent = (1.0 - share) * term
+                        term = share * neutral + sent
                 total += term
+                for band in range(color.shape[0]):
+                    if sent > 0.0:
+                        of_sample = color[band, int(rows[i] + 0.5), int(columns[i] + 0.5)]
+                        light[band, column - column0] += sent / count * of_sample
         occlusion[column - column0] = total / count
         confidence[column - column0] = seen / count
 
@@ -145,13 +154,18 @@ def containment(
     axes,
     neutral,
     check,
+    color,
     occlusion,
     confidence,
+    light,
 ):
     """Share of the points that lie behind the surface, and share of them inside the image.
 
     A point outside the image, or whose surface is out of range, counts as `neutral`; one over sky
-    or a hole is free. `radius_grows` multiplies the radius by the depth, in perspective.
+    or a hole is free. `radius_grows` multiplies the radius by the depth, in perspective. `color`
+    (bands, rows, columns), which may have no bands, is what the surface sends to the points behind
+    it: their sum over the number of points is added to `light` (bands, rows and columns of the
+    frame).
     """
     for row in prange(frame[0], frame[1]):
         contain_row(
@@ -169,6 +183,8 @@ def containment(
             axes,
             neutral,
             check,
+            color,
             occlusion[row - frame[0]],
             confidence[row - frame[0]],
+            light[:, row - frame[0]],
         )

@@ -231,7 +231,7 @@ def _beside(height, reach):
 
     def receives(points, normal):
         near = (points[0] < -reach[0]) & (points[0] > -reach[1])
-        return _floor(points, normal) & near & (np.abs(points[1]) < 0.5)
+        return _floor(points, normal) & near & (np.abs(points[1]) < 1.0)
 
     return hit, receives
 
@@ -328,7 +328,7 @@ def dihedral(angle: float = math.radians(120.0), length: float = 6.0) -> Scene:
     return Scene(
         "dihedral",
         hit,
-        lambda p, n: _floor(p, n) & (p[0] < -0.5) & (p[0] > -1.5) & (np.abs(p[1]) < 0.5),
+        lambda p, n: _floor(p, n) & (p[0] < -0.5) & (p[0] > -1.5) & (np.abs(p[1]) < 1.0),
         {
             (weight, "none"): lambda p, w=weight: _slot(beta(p))[w]
             for weight in ("cosine", "uniform")
@@ -355,7 +355,7 @@ def trench(left: float = 1.0, right: float = 1.5, height: float = 1.2) -> Scene:
     return Scene(
         "trench",
         hit,
-        lambda p, n: _floor(p, n) & (np.abs(p[0]) < 0.6) & (np.abs(p[1]) < 0.5),
+        lambda p, n: _floor(p, n) & (np.abs(p[0]) < 0.6) & (np.abs(p[1]) < 1.0),
         {(w, "none"): lambda p, w=w: both(p, w) for w in ("cosine", "uniform")},
         extent=10.0,
         stretch=4.0,
@@ -383,7 +383,7 @@ def groove(slope: float = math.radians(40.0), half_width: float = 6.0) -> Scene:
     return Scene(
         "groove",
         hit,
-        lambda p, n: (np.abs(p[0]) > 0.3) & (np.abs(p[0]) < 1.5) & (np.abs(p[1]) < 0.5),
+        lambda p, n: (np.abs(p[0]) > 0.3) & (np.abs(p[0]) < 1.5) & (np.abs(p[1]) < 1.0),
         {
             (weight, "none"): lambda p, w=weight: _slot(beta(p))[w]
             for weight in ("cosine", "uniform")
@@ -522,7 +522,7 @@ def bar(
 
     def receives(points, normal):
         near = (points[0] < -reach[0]) & (points[0] > -reach[1])
-        return _floor(points, normal) & near & (np.abs(points[1]) < 0.5)
+        return _floor(points, normal) & near & (np.abs(points[1]) < 1.0)
 
     return Scene(
         "bar",

@@ -27,13 +27,14 @@ def camera_numbers(
         raise InputError("matrix", "4 x 4 numbers", matrix) from None
     if p.shape != (4, 4) or not np.isfinite(p).all():
         raise InputError("matrix", "4 x 4 finite numbers", p.shape if p.shape != (4, 4) else p)
-    if p[3, 2] == 0.0 and p[2, 3] != 0.0 and p[3, 3] == 0.0:
-        raise InputError("matrix", "for column vectors (transpose a row-vector matrix)", p.tolist())
-    p = p / (p[3, 3] if p[3, 3] != 0.0 else abs(p[3, 2]))
+    last = np.abs(p[3])
+    if not (np.allclose(last, (0, 0, 1, 0), atol=1e-6) or np.allclose(last, (0, 0, 0, 1))):
+        limit = "with the last row 0 0 ±1 0 or 0 0 0 1 (transpose a matrix for row vectors)"
+        raise InputError("matrix", limit, p[3].tolist())
     divide = p[3, 3] == 0.0
-    others = p[[0, 1, 2, 2, 3, 3], [1, 0, 0, 1, 0, 1]]
+    others = p[[0, 1, 2, 2], [1, 0, 0, 1]]
     corner = p[[0, 1], [3, 3]] if divide else p[[0, 1], [2, 2]]
-    if others.any() or corner.any() or (not divide and p[3, 2] != 0.0):
+    if others.any() or corner.any():
         raise InputError("matrix", "a projection without shear or oblique planes", p.tolist())
     if p[0, 0] <= 0.0 or p[1, 1] <= 0.0 or (p[2, 3] == 0.0 if divide else p[2, 2] == 0.0):
         raise InputError("matrix", "invertible, x right and y up", p.tolist())

@@ -91,6 +91,8 @@ class RaySample(NamedTuple):
     @property
     def noise(self) -> float:
         """Standard error of `occlusion`, root mean square over the pixels."""
+        if not self.halves.size:
+            return 0.0
         return float(0.5 * np.sqrt(np.mean((self.halves[0] - self.halves[1]) ** 2)))
 
 

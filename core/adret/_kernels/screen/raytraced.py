@@ -77,7 +77,8 @@ def first_hit(q, bounds, perspective, thickness, row, column, q0, dc, dr, dq, st
     m = 1
     at = 0.0
     qa = q0
-    while True:
+    # A line may be crossed by rounding before the image is left along it: nothing lies beyond.
+    while 1 <= i <= q.shape[0] - 3 and 1 <= j <= q.shape[1] - 3:
         inner_j = j % BLOCK
         inner_i = i % BLOCK
         k_out = k + (BLOCK - 1 - inner_j if right else inner_j)
@@ -108,6 +109,8 @@ def first_hit(q, bounds, perspective, thickness, row, column, q0, dc, dr, dq, st
                     i += 1 if below else -1
                 at = to
                 qa = qb
+                if not (1 <= i <= q.shape[0] - 3 and 1 <= j <= q.shape[1] - 3):
+                    return missed
             continue
         if to >= end:
             return missed
@@ -124,6 +127,7 @@ def first_hit(q, bounds, perspective, thickness, row, column, q0, dc, dr, dq, st
         m = past
         at = to
         qa = qb
+    return missed
 
 
 @kernel

@@ -11,6 +11,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 import adret
 from adret_service import documents, problems
+from adret_service.auth import KeyFile
 from adret_service.context import Service
 from adret_service.database import open_database
 from adret_service.datasets import DatasetCatalogue
@@ -19,6 +20,7 @@ from adret_service.engine.liveness import Lease, sweep_scratch
 from adret_service.engine.port import JobEngine
 from adret_service.ingest import Ingest
 from adret_service.middleware import BodyLimit, RequestId, SameOrigin
+from adret_service.rates import Buckets, Rate
 from adret_service.routes import datasets, events, health, jobs, landing, processes
 from adret_service.settings import Settings
 from adret_service.storage import open_storage
@@ -70,7 +72,7 @@ def create_app(settings: Settings, engine: JobEngine | None = None) -> FastAPI:
     problems.install(app)
     app.add_middleware(BodyLimit, limit=settings.max_body_bytes, exempt="/uploads")
     app.add_middleware(SameOrigin)
-    if not settings.allow_insecure_bind:
+    if settings.auth == "none" and not settings.allow_insecure_bind:
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=allowed_hosts(settings))
     app.add_middleware(RequestId)
     return app
@@ -104,4 +106,9 @@ def open_service(
     ingest = Ingest(settings, catalogue, lease.scratch)
     ingest.decoder.start()
     stack.callback(ingest.decoder.close)
-    return Service(settings, engine, catalogue, storage, ingest)
+    if settings.auth == "none":
+        return Service(settings, engine, catalogue, storage, ingest)
+    rates = {"api": settings.rate_api, "submit": settings.rate_submit}
+    buckets = {name: Buckets(Rate.parse(text)) for name, text in rates.items()}
+    keys = KeyFile(settings.keys_file)
+    return Service(settings, engine, catalogue, storage, ingest, keys, buckets)

@@ -1,4 +1,4 @@
-"""Commands that the service adds to ``adret``: serve, worker and submit."""
+"""Commands that the service adds to ``adret``: serve, worker, keys and submit."""
 
 import ipaddress
 from pathlib import Path
@@ -17,6 +17,11 @@ def add_serve(app: typer.Typer) -> None:
 def add_worker(app: typer.Typer) -> None:
     """Add ``adret worker``."""
     app.command()(worker)
+
+
+def add_keys(app: typer.Typer) -> None:
+    """Add ``adret keys``."""
+    app.command()(keys)
 
 
 def add_submit(app: typer.Typer) -> None:
@@ -38,7 +43,7 @@ def serve(
     """Serve the HTTP API, with workers that run its jobs."""
     given = {"host": host, "port": port, "data_dir": data_dir, "workers": workers, "role": role}
     settings = settings_or_exit(given)
-    refuse_open_door(settings.host, settings.allow_insecure_bind)
+    refuse_open_door(settings.host, settings.allow_insecure_bind or settings.auth != "none")
 
     from adret_service.server import serve as run
 
@@ -59,6 +64,35 @@ def worker(
     run_worker(settings)
 
 
+def keys(
+    tenant: Annotated[str | None, typer.Option(help="Make a key for this tenant.")] = None,
+    scope: Annotated[
+        list[str] | None, typer.Option(help="read or submit; may be repeated; default: both.")
+    ] = None,
+    remove: Annotated[str | None, typer.Option(help="Forget the key of this id.")] = None,
+    data_dir: Annotated[
+        Path | None, typer.Option(help="Folder of database, datasets and results.")
+    ] = None,
+) -> None:
+    """List, make and remove the API keys of a service; a new one is shown once."""
+    from adret_service.auth import SCOPES, add_key, read_keys, remove_key
+
+    path = settings_or_exit({"data_dir": data_dir}).keys_file
+    if remove is not None and not remove_key(path, remove):
+        typer.echo(f"remove: must be the id of a key, got {remove!r}", err=True)
+        raise typer.Exit(2)
+    if tenant is not None:
+        try:
+            key_id, secret = add_key(path, tenant, scope or SCOPES)
+        except ValueError as error:
+            typer.echo(str(error), err=True)
+            raise typer.Exit(2) from None
+        typer.echo(f"{key_id} {secret}")
+    elif remove is None:
+        for entry in read_keys(path):
+            typer.echo(f"{entry['id']} {entry['tenant']} {','.join(entry['scopes'])}")
+
+
 def submit(
     dem: Annotated[Path, typer.Argument(help="Elevation raster or depth buffer to send.")],
     process: Annotated[str, typer.Option(help="horizon, sky-view, light, viewshed, ssao, ...")],
@@ -75,6 +109,9 @@ def submit(
     url: Annotated[
         str, typer.Option(envvar="ADRET_URL", help="Address of the service.")
     ] = "http://127.0.0.1:8000",
+    key: Annotated[
+        str | None, typer.Option(envvar="ADRET_API_KEY", help="API key; better from ADRET_API_KEY.")
+    ] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace files that exist.")] = False,
 ) -> None:
     """Have a computation done by a service: send, wait, fetch. Ctrl-C cancels the job."""
@@ -82,7 +119,7 @@ def submit(
 
     try:
         inputs = parse_inputs(directions, option or [])
-        run_submit(url, dem, process, inputs, out, preview, camera, overwrite=overwrite)
+        run_submit(url, dem, process, inputs, out, preview, camera, key=key, overwrite=overwrite)
     except ClientError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(2) from None
@@ -114,7 +151,8 @@ def refuse_open_door(host: str, allowed: bool) -> None:
     if not local and not allowed:
         typer.echo(
             f"host: must be a loopback address, because this service asks nobody who they are; "
-            f"got {host!r} (ADRET_ALLOW_INSECURE_BIND=1 serves everyone who can reach it)",
+            f"got {host!r} (ADRET_AUTH=apikey asks for keys, which `adret keys` makes; "
+            "ADRET_ALLOW_INSECURE_BIND=1 serves everyone who can reach it)",
             err=True,
         )
         raise typer.Exit(2)

@@ -31,13 +31,20 @@ class Client:
     ----------
     url : str
         Address of the service.
+    key : str, optional
+        API key.
     transport : httpx.BaseTransport, optional
         Replaces the network, for tests.
     """
 
-    def __init__(self, url: str, transport: httpx.BaseTransport | None = None) -> None:
+    def __init__(
+        self, url: str, key: str | None = None, transport: httpx.BaseTransport | None = None
+    ) -> None:
         self._http = httpx.Client(
-            base_url=url, timeout=httpx.Timeout(60.0, write=300.0), transport=transport
+            base_url=url,
+            headers={} if key is None else {"Authorization": f"Bearer {key}"},
+            timeout=httpx.Timeout(60.0, write=300.0),
+            transport=transport,
         )
 
     def close(self) -> None:
@@ -193,13 +200,14 @@ def run_submit(
     preview: Path | None,
     camera: Path | None = None,
     *,
+    key: str | None = None,
     overwrite: bool,
 ) -> None:
     """Upload, submit, wait and fetch, with a bar for each; an interrupt cancels the job."""
     check_paths(dem, [path for path in (out, preview) if path is not None], overwrite)
     seen = None if camera is None else camera_text(camera)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
-    client = Client(url)
+    client = Client(url, key)
     job = None
     try:
         with Progress(*columns, DownloadColumn(), console=Console(stderr=True)) as bars:

@@ -1,28 +1,39 @@
-"""What the routes of one application share, built once at start."""
+"""What the routes of one application share, built once at start; and who asks."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, cast
 
-from fastapi import Depends, Request
+from fastapi import Depends, Request, Response
+from fastapi.security import APIKeyHeader, HTTPAuthorizationCredentials, HTTPBearer
 
+from adret_service.auth import LOCAL, Credential, KeyFile
 from adret_service.datasets import DatasetCatalogue
 from adret_service.engine.port import JobEngine
 from adret_service.ingest import Ingest
+from adret_service.problems import Problem
+from adret_service.rates import Buckets
 from adret_service.settings import Settings
 from adret_service.storage import Storage
 
 __all__ = ["Service", "ServiceDep", "Tenant", "base_url"]
 
+BEARER = HTTPBearer(auto_error=False, description="An API key, where the service asks for one.")
+HEADER = APIKeyHeader(name="X-API-Key", auto_error=False, description="The same.")
+READING = ("GET", "HEAD")
+
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """The parts of a running service."""
+    """The parts of a running service; `keys` and `rates` are None where everybody may ask."""
 
     settings: Settings
     engine: JobEngine
     catalogue: DatasetCatalogue
     storage: Storage
     ingest: Ingest
+    keys: KeyFile | None = None
+    rates: dict[str, Buckets] | None = None
 
 
 def service_of(request: Request) -> Service:
@@ -30,9 +41,52 @@ def service_of(request: Request) -> Service:
     return cast(Service, request.app.state.service)
 
 
-def tenant_of(request: Request) -> str:
-    """Return whose things this request may see: one tenant as long as nobody signs in."""
-    return "local"
+def credential_of(
+    request: Request,
+    response: Response,
+    bearer: Annotated[HTTPAuthorizationCredentials | None, Depends(BEARER)],
+    header: Annotated[str | None, Depends(HEADER)],
+) -> Credential:
+    """Return who asks, if that one may, and not too often.
+
+    Raises
+    ------
+    Problem
+        401 without a key that is known, 403 for a key that may not, 429 for one that asks too
+        often.
+    """
+    service = service_of(request)
+    if service.keys is None:
+        return LOCAL
+    secret = header if bearer is None else bearer.credentials
+    found = None if secret is None else service.keys.find(secret)
+    if found is None:
+        headers = {"WWW-Authenticate": 'Bearer realm="adret"'}
+        raise Problem(401, "an API key is needed, and this service must know it", headers=headers)
+    scope = "read" if request.method in READING else "submit"
+    if scope not in found.scopes:
+        raise Problem(403, f"this key's scopes: must have {scope}, got {sorted(found.scopes)}")
+    if service.rates is not None:
+        _count(service.rates["api" if scope == "read" else "submit"], found.id, response)
+    return found
+
+
+def _count(buckets: Buckets, name: str, response: Response) -> None:
+    left, wait = buckets.take(name)
+    rate = buckets.rate
+    headers = {
+        "RateLimit-Policy": f'"default";q={rate.count};w={math.ceil(rate.seconds)}',
+        "RateLimit": f'"default";r={left};t={math.ceil(wait or rate.seconds / rate.count)}',
+    }
+    if wait > 0.0:
+        detail = f"requests: must be at most {rate.count} in {rate.seconds:g} s"
+        raise Problem(429, detail, headers=headers | {"Retry-After": str(math.ceil(wait))})
+    response.headers.update(headers)
+
+
+def tenant_of(credential: Annotated[Credential, Depends(credential_of)]) -> str:
+    """Return whose things this request may see."""
+    return credential.tenant
 
 
 def base_url(request: Request) -> str:

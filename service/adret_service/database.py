@@ -11,7 +11,7 @@ from sqlalchemy.exc import OperationalError
 
 from adret_service.settings import Settings
 
-__all__ = ["datasets", "events", "jobs", "keys", "open_database", "persist"]
+__all__ = ["datasets", "events", "jobs", "keys", "open_database", "persist", "usage"]
 
 log = logging.getLogger("adret.service")
 
@@ -75,6 +75,15 @@ keys = sa.Table(
     sa.Column("digest", sa.String(64), nullable=False),
     sa.Column("job", sa.String(26), nullable=False),
     sa.Column("created", sa.Float, nullable=False),
+)
+
+usage = sa.Table(
+    "adret_usage",
+    tables,
+    sa.Column("tenant", sa.String(64), primary_key=True),
+    sa.Column("day", sa.Integer, primary_key=True),
+    sa.Column("jobs", sa.BigInteger, nullable=False),
+    sa.Column("cells", sa.BigInteger, nullable=False),
 )
 
 

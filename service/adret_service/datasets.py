@@ -66,6 +66,12 @@ class DatasetCatalogue:
             rows = connection.execute(query.order_by(datasets.c.id.desc()).limit(limit)).all()
         return [Dataset(**row._mapping) for row in rows]
 
+    def stored_bytes(self, tenant: str) -> int:
+        """Return the bytes of all the tenant's uploads."""
+        query = sa.select(sa.func.coalesce(sa.func.sum(datasets.c.upload_bytes), 0))
+        with self.database.connect() as connection:
+            return int(connection.execute(query.where(datasets.c.tenant == tenant)).scalar_one())
+
     def add(
         self,
         tenant: str,

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from adret_service.datasets import Dataset, DatasetCatalogue
 from adret_service.ids import new_id
-from adret_service.problems import FieldError, Problem
+from adret_service.problems import FieldError, Problem, too_large
 from adret_service.receiving import Received
 from adret_service.settings import Settings
 from adret_service.storage import HEIGHTS
@@ -94,6 +94,8 @@ class Ingest:
         twin = self.catalogue.find(tenant, fingerprint)
         if twin is not None:
             return twin
+        if self.settings.auth != "none":
+            self._check_quota(tenant, received.size)
         if not self._slots.acquire(timeout=self.settings.ingest_timeout):
             raise Problem(503, "all decoders are busy", headers={"Retry-After": "10"})
         try:
@@ -108,6 +110,11 @@ class Ingest:
             upload_bytes=received.size,
             info=info,
         )
+
+    def _check_quota(self, tenant: str, size: int) -> None:
+        total = self.catalogue.stored_bytes(tenant) + size
+        if total > self.settings.tenant_max_bytes:
+            raise too_large("bytes", f"at most {self.settings.tenant_max_bytes} in all", total)
 
     def _decode(self, folder: Path, options: ReadOptions) -> dict[str, Any]:
         settings = self.settings

@@ -4,8 +4,10 @@ import os
 from pathlib import Path
 from typing import Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from adret_service.rates import Rate
 
 __all__ = ["WORKFLOW_VERSION", "Settings"]
 
@@ -43,6 +45,13 @@ class Settings(BaseSettings):
     port: int = Field(default=8000, ge=0, le=65535)
     base_url: str = ""
     allow_insecure_bind: bool = False
+    auth: Literal["none", "apikey"] = "none"
+    api_keys_file: Path | None = None
+    rate_api: str = "1200/m"
+    rate_submit: str = "120/m"
+    tenant_max_jobs: int = Field(default=100, ge=1)
+    tenant_max_bytes: int = Field(default=50 * GIB, ge=1)
+    tenant_cells_per_day: int = Field(default=100_000_000_000, ge=1)
     role: Literal["all", "api"] = "all"
 
     workers: int = Field(default=1, ge=0, le=256)
@@ -84,6 +93,17 @@ class Settings(BaseSettings):
                 f"got {wanted}"
             )
         return self
+
+    @field_validator("rate_api", "rate_submit")
+    @classmethod
+    def _is_rate(cls, text: str) -> str:
+        Rate.parse(text)
+        return text
+
+    @property
+    def keys_file(self) -> Path:
+        """File of the API keys' digests."""
+        return self.api_keys_file or self.data_dir / "keys.json"
 
     @property
     def threads(self) -> int:

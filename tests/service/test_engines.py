@@ -21,7 +21,14 @@ from adret_service.engine.advisory import AdvisoryPresence
 from adret_service.engine.durable import DurableEngine, Reaper
 from adret_service.engine.liveness import Lease, is_dead, live, only_one, sweep_scratch
 from adret_service.engine.memory import MemoryEngine
-from adret_service.engine.port import JobRecord, JobStatus, KeyReused, RequestKey
+from adret_service.engine.port import (
+    JobRecord,
+    JobStatus,
+    KeyReused,
+    OverQuota,
+    Quota,
+    RequestKey,
+)
 from adret_service.ids import is_id, new_id
 from adret_service.settings import Settings
 
@@ -171,6 +178,25 @@ def test_a_key_that_comes_many_times_at_once_makes_one_job(engine: Engine) -> No
         ids = {made.id for made in pool.map(lambda _: engine.submit(job(), key), range(16))}
     assert len(ids) == 1
     assert [record.id for record in engine.list("t")] == list(ids)
+
+
+def test_a_quota_holds_however_many_orders_come_at_once(engine: Engine) -> None:
+    quota = Quota(jobs=3, cells_per_day=1000)
+
+    def order(_: int) -> str | None:
+        try:
+            return engine.submit(job(), cells=1, quota=quota).id
+        except OverQuota as over:
+            assert (over.field, over.value) == ("jobs", 3)
+            return None
+
+    with ThreadPoolExecutor(8) as pool:
+        made = [found for found in pool.map(order, range(12)) if found]
+    assert len(made) == len(engine.list("t")) == 3
+    engine.cancel(made[0], "t")
+    with pytest.raises(OverQuota, match="cells"):
+        engine.submit(job(), cells=998, quota=quota)
+    engine.submit(job(), cells=997, quota=quota)
 
 
 @pytest.mark.parametrize("end", ["fail", "cancel", "succeed", None])

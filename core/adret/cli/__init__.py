@@ -29,7 +29,7 @@ COMMANDS = (
     "ssao",
 )
 # Commands that other packages bring, and the extra that installs them.
-EXTRAS = {"serve": "service", "worker": "service", "submit": "service"}
+EXTRAS = dict.fromkeys(("serve", "worker", "keys", "submit"), "service")
 GROUP = "adret.commands"
 INTERRUPTED = 130
 

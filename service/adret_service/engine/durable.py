@@ -26,7 +26,7 @@ from adret_service.database import jobs, open_database
 from adret_service.engine.advisory import AdvisoryLock, AdvisoryPresence
 from adret_service.engine.ledger import SqlLedger
 from adret_service.engine.liveness import FilePresence, Lease, Presence, sweep_scratch
-from adret_service.engine.port import EngineHealth, JobRecord, JobStatus, RequestKey
+from adret_service.engine.port import EngineHealth, JobRecord, JobStatus, Quota, RequestKey
 from adret_service.settings import WORKFLOW_VERSION, Settings
 
 __all__ = ["DurableEngine", "Reaper", "serve_queue"]
@@ -71,7 +71,14 @@ class DurableEngine(SqlLedger):
             polling_interval_sec=settings.queue_poll,
         )
 
-    def submit(self, job: JobRecord, key: RequestKey | None = None) -> JobRecord:
+    def submit(
+        self,
+        job: JobRecord,
+        key: RequestKey | None = None,
+        *,
+        cells: int = 0,
+        quota: Quota | None = None,
+    ) -> JobRecord:
         """Accept a job: its row, its key and its place in the queue are one commit."""
         now = time.time()
         job = JobRecord(
@@ -88,6 +95,7 @@ class DurableEngine(SqlLedger):
                 earlier = None if key is None else self.ordered(connection, job.tenant, key)
                 if earlier is not None:
                     return earlier
+                self.count_in(connection, job.tenant, cells, quota)
                 self.insert(connection, job)
                 if key is not None:
                     self.keep(connection, job, key)

@@ -5,20 +5,24 @@ from collections.abc import Mapping
 from typing import Any
 
 import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql, sqlite
 
-from adret_service.database import datasets, events, jobs, keys
+from adret_service.database import datasets, events, jobs, keys, usage
 from adret_service.engine.port import (
     FINISHED,
     JobEvent,
     JobRecord,
     JobStatus,
     KeyReused,
+    OverQuota,
+    Quota,
     RequestKey,
 )
 
 __all__ = ["OPEN", "SqlLedger"]
 
 PAGE = 1000  # events that are returned at once
+DAY = 86_400.0
 
 OPEN = jobs.c.status.notin_([str(status) for status in FINISHED])
 
@@ -94,6 +98,40 @@ class SqlLedger:
                 tenant=job.tenant, key=key.key, digest=key.digest, job=job.id, created=job.created
             )
         )
+
+    def count_in(
+        self, connection: sa.Connection, tenant: str, cells: int, quota: Quota | None
+    ) -> None:
+        """Add an order to its tenant's day, inside the caller's transaction.
+
+        The day's row is written first, so of two orders at once the second waits for the first.
+
+        Raises
+        ------
+        OverQuota
+            If the quota has no room for it.
+        """
+        today = int(time.time() // DAY)
+        row = {"tenant": tenant, "day": today}
+        insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+        added = {"jobs": usage.c.jobs + 1, "cells": usage.c.cells + cells}
+        connection.execute(
+            insert(usage)
+            .values(**row, jobs=1, cells=cells)
+            .on_conflict_do_update(index_elements=["tenant", "day"], set_=added)
+        )
+        if quota is None:
+            return
+        query = sa.select(usage.c.cells).where(usage.c.tenant == tenant, usage.c.day == today)
+        used = int(connection.execute(query).scalar_one())
+        if used > quota.cells_per_day:
+            limit = f"at most {quota.cells_per_day} in a day"
+            raise OverQuota("cells", limit, used, until_midnight=True)
+        unfinished = sa.select(sa.func.count()).where(jobs.c.tenant == tenant, OPEN)
+        waiting = int(connection.execute(unfinished).scalar_one())
+        if waiting >= quota.jobs:
+            limit = f"below {quota.jobs} that are not finished"
+            raise OverQuota("jobs", limit, waiting, until_midnight=False)
 
     def insert(self, connection: sa.Connection, job: JobRecord) -> None:
         """Add the row of a new job inside the caller's transaction.

@@ -12,6 +12,8 @@ from adret_service.engine.port import (
     JobRecord,
     JobStatus,
     KeyReused,
+    OverQuota,
+    Quota,
     RequestKey,
 )
 
@@ -25,10 +27,18 @@ class MemoryEngine:
         self._jobs: dict[str, JobRecord] = {}
         self._keys: dict[tuple[str, str], tuple[str, str]] = {}
         self._events: list[tuple[str, JobEvent]] = []
+        self._cells: dict[str, int] = {}
         self._lock = threading.RLock()
         self.workers = workers
 
-    def submit(self, job: JobRecord, key: RequestKey | None = None) -> JobRecord:
+    def submit(
+        self,
+        job: JobRecord,
+        key: RequestKey | None = None,
+        *,
+        cells: int = 0,
+        quota: Quota | None = None,
+    ) -> JobRecord:
         """Accept a job."""
         now = time.time()
         with self._lock:
@@ -38,10 +48,24 @@ class MemoryEngine:
                     raise KeyReused(key.key)
                 if known in self._jobs:
                     return self._jobs[known]
+            if quota is not None:
+                self._check(job.tenant, cells, quota)
+            self._cells[job.tenant] = self._cells.get(job.tenant, 0) + cells
+            if key is not None:
                 self._keys[job.tenant, key.key] = key.digest, job.id
             self._jobs[job.id] = replace(job, created=now, updated=now)
             self._tell(job.id, "status", status=str(job.status), message=job.message)
             return self._jobs[job.id]
+
+    def _check(self, tenant: str, cells: int, quota: Quota) -> None:
+        used = self._cells.get(tenant, 0) + cells
+        if used > quota.cells_per_day:
+            limit = f"at most {quota.cells_per_day} in a day"
+            raise OverQuota("cells", limit, used, until_midnight=True)
+        waiting = sum(not j.is_finished and j.tenant == tenant for j in self._jobs.values())
+        if waiting >= quota.jobs:
+            limit = f"below {quota.jobs} that are not finished"
+            raise OverQuota("jobs", limit, waiting, until_midnight=False)
 
     def retry(self, job_id: str, tenant: str) -> JobRecord | None:
         """Accept a failed or dismissed job again."""

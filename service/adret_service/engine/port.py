@@ -14,6 +14,8 @@ __all__ = [
     "JobRecord",
     "JobStatus",
     "KeyReused",
+    "OverQuota",
+    "Quota",
     "RequestKey",
 ]
 
@@ -74,6 +76,25 @@ class RequestKey:
     digest: str
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quota:
+    """What a tenant may have in work, and may order in a day (UTC)."""
+
+    jobs: int
+    cells_per_day: int
+
+
+class OverQuota(Exception):
+    """An order that its tenant's quota has no room for."""
+
+    def __init__(self, field: str, limit: str, value: int, *, until_midnight: bool) -> None:
+        super().__init__(f"{field}: must be {limit}, got {value}")
+        self.field = field
+        self.limit = limit
+        self.value = value
+        self.until_midnight = until_midnight
+
+
 class KeyReused(Exception):
     """A request key was used before, for another order."""
 
@@ -91,11 +112,19 @@ class EngineHealth:
 class JobEngine(Protocol):
     """The API's side: accept, look up, cancel, remove. Every call is scoped to a tenant."""
 
-    def submit(self, job: JobRecord, key: RequestKey | None = None) -> JobRecord:
-        """Accept a job durably: when this returns, the job will be run.
+    def submit(
+        self,
+        job: JobRecord,
+        key: RequestKey | None = None,
+        *,
+        cells: int = 0,
+        quota: Quota | None = None,
+    ) -> JobRecord:
+        """Accept a job of so many cells durably: when this returns, the job will be run.
 
         An order with a key that was used for an equal order returns that order's job. Raises
-        LookupError if its dataset is gone, KeyReused if the key was used for another order.
+        LookupError if its dataset is gone, KeyReused if the key was used for another order,
+        OverQuota if the tenant has no room left.
         """
 
     def get(self, job_id: str, tenant: str) -> JobRecord | None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import time
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Header, Query, Request, Response
@@ -10,11 +11,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from adret_service import processes
 from adret_service.context import BaseUrl, ServiceDep, Tenant
 from adret_service.documents import Process, ProcessList, StatusInfo
-from adret_service.engine.port import JobRecord, KeyReused, RequestKey
+from adret_service.engine.port import JobRecord, KeyReused, OverQuota, Quota, RequestKey
 from adret_service.ids import new_id
 from adret_service.problems import NO_SUCH_PROCESS, FieldError, Problem, invalid
 from adret_service.routes.datasets import require_room
 from adret_service.routes.jobs import status_info
+from adret_service.settings import Settings
 
 router = APIRouter(tags=["processes"])
 
@@ -117,10 +119,15 @@ def execute_process(
         raise Problem(503, detail, headers={"Retry-After": "30"})
     job = JobRecord(id=new_id(), tenant=tenant, process=process_id, dataset=dataset, inputs=inputs)
     named = None if key is None else RequestKey(key=key, digest=digest_of(job))
+    cells = int(found.info["rows"]) * int(found.info["columns"])
     try:
-        job = service.engine.submit(job, named)
+        job = service.engine.submit(job, named, cells=cells, quota=quota_of(service.settings))
     except LookupError:
         raise invalid(unknown) from None
+    except OverQuota as over:
+        error = FieldError(over.field, over.limit, over.value)
+        wait = 86_400 - int(time.time()) % 86_400 if over.until_midnight else 10
+        raise Problem(429, str(error), errors=[error], headers={"Retry-After": str(wait)}) from None
     except KeyReused:
         error = FieldError("Idempotency-Key", "new, or sent with the order it was made for", key)
         raise Problem(422, str(error), errors=[error]) from None
@@ -128,6 +135,13 @@ def execute_process(
     if "respond-async" in request.headers.get("prefer", ""):
         response.headers["Preference-Applied"] = "respond-async"
     return status_info(job, base)
+
+
+def quota_of(settings: Settings) -> Quota | None:
+    """Return what a tenant may order; None where everybody is the same one."""
+    if settings.auth == "none":
+        return None
+    return Quota(jobs=settings.tenant_max_jobs, cells_per_day=settings.tenant_cells_per_day)
 
 
 def digest_of(job: JobRecord) -> str:

@@ -24,8 +24,8 @@ def table(results: Entry) -> str:
         "",
         f"{about['processor']}, {about['cores']} cores, Python {about['python']}, Numba "
         f"{about['packages']['numba']}, commit {about['commit'][:12]}, {about['time'][:10]}; load "
-        f"{about['load_before']:.1f} before the run, which took {results['seconds']:.0f} s. CPU "
-        "time is that of all threads together.",
+        f"{about['load_before']:.1f} before the run, which took {results['seconds']:.0f} s "
+        f"and {results['cpu_seconds']:.0f} s of CPU. CPU time is that of all threads together.",
         "",
         "## One observer",
         "",

@@ -298,7 +298,7 @@ class Camera:
             If a finite value leaves the range of `clip` by more than 1e-5, or if `near` is 0
             (perspective) or `far` infinite (orthographic).
         """
-        near, far = self._planes()
+        near, far = self.planes()
         d = np.asarray(device_depth, dtype=np.float64)
         low = -1.0 if self.clip == "-1..1" else 0.0
         outside = (d < low - SLACK) | (d > 1.0 + SLACK)
@@ -317,7 +317,7 @@ class Camera:
 
     def to_device(self, depth: ArrayLike) -> NDArray[np.float64]:
         """Depth values as stored, float64, from depth [view units]; the inverse of `to_linear`."""
-        near, far = self._planes()
+        near, far = self.planes()
         z = np.asarray(depth, dtype=np.float64)
         with np.errstate(divide="ignore"):
             if not self.perspective_divide:
@@ -360,23 +360,9 @@ class Camera:
         >>> float(reverse.depth_step(900.0, dtype="f4").round(7))
         7.4e-06
         """
-        z = np.asarray(depth, dtype=np.float64)
-        if (dtype is None) == (bits is None):
-            raise InputError("dtype", "given, or else bits", dtype)
-        if not device:
-            return _spacing(z, dtype)
-        near, far = self._planes()
-        range_ = 2.0 if self.clip == "-1..1" else 1.0
-        if bits is not None:
-            if isinstance(bits, bool) or not isinstance(bits, int) or not 1 <= bits <= 64:
-                raise InputError("bits", "a whole number between 1 and 64", bits)
-            step = np.full_like(z, range_ / (2.0**bits - 1.0))
-        else:
-            step = _spacing(self.to_device(z), dtype)
-        if not self.perspective_divide:
-            return step / range_ * (far - near)
-        slope = z**2 * (1.0 / near - (0.0 if math.isinf(far) else 1.0 / far))
-        return step / range_ * slope
+        from adret.screen.precision import depth_step
+
+        return depth_step(self, depth, dtype=dtype, bits=bits, device=device)
 
     def matrix(self) -> NDArray[np.float64]:
         """The 4 x 4 projection matrix for column vectors whose z/w has the range of `clip`."""
@@ -384,21 +370,13 @@ class Camera:
 
         return camera_matrix(self)
 
-    def _planes(self) -> tuple[float, float]:
+    def planes(self) -> tuple[float, float]:
+        """The clip planes, checked to be such that depth values mean something."""
         if self.perspective_divide and not self.near > 0.0:
             raise InputError("near", "above 0 where depth values are read", self.near)
         if not self.perspective_divide and math.isinf(self.far):
             raise InputError("far", "finite where orthographic depth values are read", self.far)
         return self.near, self.far
-
-
-def _spacing(values: NDArray[np.float64], dtype: DTypeLike | None) -> NDArray[np.float64]:
-    kind = np.dtype(dtype)
-    if kind.kind != "f":
-        raise InputError("dtype", "a floating-point type", str(kind))
-    with np.errstate(over="ignore", invalid="ignore"):
-        spacing: NDArray[np.float64] = np.abs(np.spacing(values.astype(kind))).astype(np.float64)
-    return spacing
 
 
 def _number(value: object) -> bool:

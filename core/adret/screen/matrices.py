@@ -82,7 +82,7 @@ def _where(numerator: float, denominator: float) -> float:
 
 def camera_matrix(camera: "Camera") -> NDArray[np.float64]:
     """The matrix of a camera, whose z/w is the depth value as stored."""
-    near, far = camera._planes()
+    near, far = camera.planes()
     ax, bx, ay, by = camera.rays
     back = 1.0 if camera.handedness == "right" else -1.0
     p = np.zeros((4, 4))

@@ -19,7 +19,7 @@ from adret.screen.options import FalloffOptions, option
 __all__ = ["Options", "RaySample", "estimate", "trace_at", "trace_several"]
 
 SECOND_LAYER = True
-VOLUMES = ("volumetric", "sphere", "shell")
+VOLUMES = ("volumetric", "hemisphere", "sphere", "shell")
 Bounds = tuple[
     NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], float, float
 ]
@@ -38,11 +38,11 @@ class Options(FalloffOptions):
         minimum=2,
         maximum=1 << 24,
     )
-    weight: Literal["cosine", "uniform", "volumetric", "sphere", "shell"] = option(
+    weight: Literal["cosine", "uniform", "volumetric", "hemisphere", "sphere", "shell"] = option(
         "cosine",
         "Of directions in the hemisphere: cosine, uniform; volumetric: solid share of the tangent "
-        "sphere whose diameter is the radius; sphere: of the sphere of that radius about the "
-        "point; shell: of that sphere's surface",
+        "sphere whose diameter is the radius; hemisphere: of the hemisphere of that radius, by the "
+        "cosine; sphere: of the whole sphere; shell: of its surface",
     )
     thickness: float = option(
         math.inf,
@@ -137,8 +137,8 @@ def trace_at(
     behind what stands in front. A receiver's own quarters are empty.
 
     Weight "volumetric" is the solid share of the tangent sphere with the radius as its diameter
-    (Szirmay-Kalos et al. 2010); "sphere" that of the sphere about the point with that radius, and
-    "shell" the share of its surface.
+    (Szirmay-Kalos et al. 2010); "sphere" that of the sphere about the point with that radius,
+    "shell" the share of its surface, and "hemisphere" (3/π R³) ∫∫ [solid] r² cos θ dr dω.
 
     Rays are stratified over the square that maps to the hemisphere and jittered by a hash of
     pixel, seed and ray. Each half has its own strata, so their difference tells the noise.
@@ -277,6 +277,9 @@ class _Solid:
         """Throw points into the spheres of some pixels; returns how many each had."""
         hollow = options.weight == "shell"
         touching = options.weight == "volumetric"
+        domain = filled_spheres.SURFACE if hollow else filled_spheres.BALL
+        if options.weight == "hemisphere":
+            domain = filled_spheres.HEMISPHERE
         points = options.rays // 2
         strata = max(1, math.isqrt(points) if hollow else int((points + 0.5) ** (1.0 / 3.0)))
         radius = 0.5 * options.radius if touching else options.radius
@@ -287,7 +290,7 @@ class _Solid:
             rows,
             columns,
             strata,
-            hollow,
+            domain,
             radius if touching else 0.0,
             radius,
             options.seed,

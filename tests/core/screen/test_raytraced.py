@@ -282,6 +282,20 @@ def test_spheres_and_shells_are_half_full_on_a_plane_and_three_quarters_in_a_cor
         assert found[near] == pytest.approx(0.75, abs=0.03)
 
 
+def test_beside_an_endless_wall_the_hemispheres_share_is_the_occlusion_by_its_cube():
+    view = screen_scenes.look(screen_scenes.wall(), "perspective", 100)
+    buffer = DepthBuffer(view.depth, camera_of(view))
+    rows, columns = view.receivers(24)
+    share = trace_at(
+        buffer.field, rows, columns, Options(weight="hemisphere", radius=2.0, rays=8192)
+    )
+    cube = {"radius": 2.0, "falloff": lambda d: np.maximum(0.0, 1.0 - (d / 2.0) ** 3)}
+    rays = trace_at(buffer.field, rows, columns, Options(rays=4096, **cube))
+    # A ray that has come into the wall stays in it.
+    assert (share.occlusion - rays.occlusion).mean() == pytest.approx(0.0, abs=0.002)
+    assert share.occlusion.mean() > 0.1
+
+
 def test_bent_normals_lean_away_from_what_hides():
     view = screen_scenes.look(screen_scenes.step(), "perspective", 100)
     buffer = DepthBuffer(view.depth, camera_of(view))

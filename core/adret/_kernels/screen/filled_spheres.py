@@ -8,6 +8,11 @@ import numpy as np
 from adret._kernels.jit import kernel, parallel_kernel, prange
 from adret._kernels.screen.depth_cells import depth_of, is_broken
 from adret._kernels.screen.noise import uniform
+from adret._kernels.screen.raytraced import tangents
+
+BALL = 0
+SURFACE = 1
+HEMISPHERE = 2
 
 
 @kernel
@@ -46,7 +51,7 @@ def fill_spheres(
     rows,
     columns,
     strata,
-    hollow,
+    domain,
     lift,
     radius,
     seed,
@@ -55,11 +60,12 @@ def fill_spheres(
 ):
     """Solid share of a sphere at the listed pixels, by stratified points, in two halves.
 
-    The sphere of `radius` has its centre `lift` above the surface; each half draws one point in
-    each of strata³ cells of equal volume; or, for its surface only (`hollow`), of strata² of equal
-    area.
+    The sphere of `radius` has its centre `lift` above the surface. Each half draws one point in
+    each of strata³ cells of equal volume; or, for the sphere's surface (SURFACE), of strata² of
+    equal area; or, in the hemisphere (HEMISPHERE) about the normal, directions by the cosine and
+    distances by their cube.
     """
-    shells = 1 if hollow else strata
+    shells = 1 if domain == SURFACE else strata
     points = shells * strata**2
     ax, bx, ay, by = rays
     for n in prange(len(rows)):
@@ -67,9 +73,17 @@ def fill_spheres(
         column = columns[n]
         z0 = depth_of(perspective, q[row + 1, column + 1])
         spread = z0 if perspective else 1.0
-        cx = spread * (ax * column + bx) + lift * normal[0, row, column]
-        cy = spread * (ay * row + by) + lift * normal[1, row, column]
-        cz = -z0 + lift * normal[2, row, column]
+        nx = np.float64(normal[0, row, column])
+        ny = np.float64(normal[1, row, column])
+        nz = np.float64(normal[2, row, column])
+        tx, ty, tz, sx, sy, sz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0
+        ux, uy, uz = 0.0, 0.0, 1.0
+        if domain == HEMISPHERE:
+            tx, ty, tz, sx, sy, sz = tangents(nx, ny, nz)
+            ux, uy, uz = nx, ny, nz
+        cx = spread * (ax * column + bx) + lift * nx
+        cy = spread * (ay * row + by) + lift * ny
+        cz = -z0 + lift * nz
         known = 0
         for half in range(2):
             total = 0
@@ -79,15 +93,18 @@ def fill_spheres(
                 d = (k // strata**2 + uniform(grow, gcolumn, seed, draw)) / shells
                 u = (k // strata % strata + uniform(grow, gcolumn, seed, draw + 1)) / strata
                 v = (k % strata + uniform(grow, gcolumn, seed, draw + 2)) / strata
-                d = radius if hollow else radius * d ** (1.0 / 3.0)
-                up = 1.0 - 2.0 * u
+                d = radius if domain == SURFACE else radius * d ** (1.0 / 3.0)
+                up = np.sqrt(1.0 - u) if domain == HEMISPHERE else 1.0 - 2.0 * u
                 out = d * np.sqrt(max(0.0, 1.0 - up * up))
-                depth = -(cz + d * up)
+                up *= d
+                p = out * np.cos(2.0 * np.pi * v)
+                w = out * np.sin(2.0 * np.pi * v)
+                depth = -(cz + p * tz + w * sz + up * uz)
                 if perspective and depth <= 0.0:
                     continue
                 spread = depth if perspective else 1.0
-                c = ((cx + out * np.cos(2.0 * np.pi * v)) / spread - bx) / ax
-                r = ((cy + out * np.sin(2.0 * np.pi * v)) / spread - by) / ay
+                c = ((cx + p * tx + w * sx + up * ux) / spread - bx) / ax
+                r = ((cy + p * ty + w * sy + up * uy) / spread - by) / ay
                 if not (0.0 <= c <= q.shape[1] - 3.0 and 0.0 <= r <= q.shape[0] - 3.0):
                     continue
                 known += 1

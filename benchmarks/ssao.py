@@ -1,0 +1,251 @@
+"""Screen-space ambient occlusion: the error of every method against rays, and its time.
+
+``python benchmarks/ssao.py`` runs the quick form: made scenes at a small size. ``--full`` runs the
+ledger: real depth buffers of $ADRET_DATA or ../shared/data and made ones, references of thousands
+of rays on 10 000 pixels each (minutes apiece; kept in benchmarks/references), growth of time with
+radius and resolution, Embree on the same depth meshes. ``--timing`` and ``--ledger`` do one half.
+Writes results/ssao.json, a table in results/ssao.md and plots (ssao-quick.* for the quick form).
+
+Times are CPU time of all threads, the least of several repeats, after a warm-up that compiles.
+"""
+
+import argparse
+import json
+import os
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+THREADS = str(min(2, os.cpu_count() or 1))
+os.environ.setdefault("NUMBA_NUM_THREADS", THREADS)
+
+import numpy as np  # noqa: E402
+import present  # noqa: E402
+import ssao_present  # noqa: E402
+from numpy.typing import NDArray  # noqa: E402
+from ssao_references import References, embree, figures  # noqa: E402
+from ssao_runs import Run, runs_of, scaling_runs, speed_runs  # noqa: E402
+from ssao_scenes import CREDITS, REAL, STRATA, Case, made, made_case, real_case  # noqa: E402
+
+from adret import InputError, ambient_occlusion  # noqa: E402
+from adret.screen import DepthPrecisionWarning  # noqa: E402
+
+RESULTS = Path(__file__).resolve().parent / "results"
+RAYS = 8192
+PIXELS = 10_000
+EMBREE_RAYS = (4, 9, 16, 36, 64, 144, 256, 576)
+RADII_PIXELS = (8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, float("inf"))
+SIZES = ((1280, 720), (1920, 1080), (2560, 1440), (3840, 2160))
+
+Entry = dict[str, Any]
+
+
+def timed(case: Any, method: str, options: Entry, repeats: int = 1) -> tuple[Any, Entry]:
+    """A method's result on a whole frame, with the least CPU and wall time [s] of some runs."""
+    cpu, wall = [], []
+    for _ in range(repeats):
+        start = time.process_time(), time.perf_counter()
+        result = ambient_occlusion(case, method=method, **options)
+        cpu.append(time.process_time() - start[0])
+        wall.append(time.perf_counter() - start[1])
+    pixels = result.report.receivers
+    return result, {
+        "cpu_s": min(cpu),
+        "wall_s": min(wall),
+        "cpu_ns_a_pixel": min(cpu) / pixels * 1e9,
+        "mpix_a_core_second": pixels / min(cpu) / 1e6,
+    }
+
+
+def split(case: Case, off: NDArray[np.float64], judged: NDArray[np.bool_] | None = None) -> Entry:
+    """Error figures of the sampled pixels, all and in each stratum; or of those that are judged."""
+    stratum = case.strata[case.sample]
+    chosen = np.ones(off.shape, dtype=bool) if judged is None else judged
+    found = {"all": figures(off[chosen])}
+    for k, name in enumerate(STRATA):
+        if (chosen & (stratum == k)).any():
+            found[name] = figures(off[chosen & (stratum == k)])
+    return found
+
+
+def ledger_row(case: Case, run: Run, references: References, limits: dict[str, Any]) -> Entry:
+    """One setting of one method: its time, and its error by its own integral and by rays."""
+    entry: Entry = {
+        "method": run.method,
+        "label": run.label,
+        "claims": run.claims,
+        "series": run.series,
+        "samples": run.samples,
+    }
+    try:
+        result, spent = timed(case.buffer, run.method, run.options)
+    except InputError as error:  # an option that this version's method does not have
+        return {**entry, "left_out": str(error)}
+    entry |= spent
+    found = result.occlusion[case.sample].astype(np.float64)
+    if run.truth is not None:
+        truth = run.truth(references)
+        judged = truth.confidence > 0.999 if run.volume else None
+        entry["own"] = split(case, found - truth.occlusion, judged)
+        entry["reference_noise"] = truth.noise
+        entry["reference_noise_mean"] = float(np.abs(truth.halves[0] - truth.halves[1]).mean() / 2)
+    elif run.limit is not None:
+        key = repr((run.method, sorted(run.limit.items())))
+        if key not in limits:
+            limits[key] = timed(case.buffer, run.method, run.limit)[0].occlusion[case.sample]
+        entry["own"] = split(case, found - limits[key])
+        entry["own_is_limit"] = True
+        entry["limit_options"] = run.limit
+    if run.ideal is not None:
+        entry["ideal"] = split(case, found - run.ideal(references).occlusion)
+    return entry
+
+
+def show(entry: Entry) -> None:
+    """One line to the terminal."""
+    name = f"  {entry['method']:10s} {entry['label']:32s}"
+    if "left_out" in entry:
+        print(name, "left out:", entry["left_out"][:60], flush=True)
+        return
+    own = entry.get("own", entry.get("ideal"))["all"]
+    print(
+        name,
+        f"{entry['cpu_ns_a_pixel']:9.0f} ns/px  e_A {own['e_A']:.4f}  <5% {own['e_5']:.2%}  "
+        f"bias {own['bias']:+.4f}",
+        flush=True,
+    )
+
+
+def ledger(cases: list[Case], rays: int, quick: bool) -> list[Entry]:
+    """All methods on all cases."""
+    found = []
+    for case in cases:
+        references = References(case, rays)
+        print(f"{case.name}: {len(case.sample[0])} pixels, radius {case.radius:g}", flush=True)
+        entries: list[Entry] = []
+        limits: dict[str, Any] = {}
+        for run in runs_of(case, quick):
+            entries.append(ledger_row(case, run, references, limits))
+            show(entries[-1])
+        truth = references.get("cosine")
+        rows, columns = case.sample
+        stratum = case.strata[rows, columns]
+        entry: Entry = {
+            "name": case.name,
+            "credit": CREDITS.get(case.name, "made for this benchmark"),
+            "shape": case.buffer.shape,
+            "frame": case.buffer.frame,
+            "pixels": len(rows),
+            "strata": {name: int((stratum == k).sum()) for k, name in enumerate(STRATA)},
+            "radius": case.radius,
+            "thickness": case.thickness,
+            "timonen": case.timonen,
+            "rays": truth.rays,
+            "noise": truth.noise,
+            "noise_mean": float(np.abs(truth.halves[0] - truth.halves[1]).mean() / 2),
+            "mean_occlusion": float(truth.occlusion.mean()),
+            "confidence": float(truth.confidence.mean()),
+            "entries": entries,
+        }
+        if not case.buffer.sky.any() and not case.buffer.holes.any():
+            entry["embree"] = embree_rows(case, references, quick)
+        found.append(entry)
+    return found
+
+
+def embree_rows(case: Case, references: References, quick: bool) -> list[Entry]:
+    """Time and error of plain rays by Embree on the same mesh."""
+    try:
+        found = embree(case, EMBREE_RAYS[: 4 if quick else None])
+    except ImportError as error:
+        print(f"  Embree left out: {error}", flush=True)
+        return []
+    truth = references.get("cosine").occlusion
+    for row in found:
+        row |= figures(row.pop("occlusion") - truth)
+        print(
+            f"  embree     {row['rays']:4d} rays {row['ns_a_ray']:18.0f} ns/ray "
+            f"{row['cast_seconds_a_pixel'] * 1e9:9.0f} ns/px  e_A {row['e_A']:.4f}",
+            flush=True,
+        )
+    return found
+
+
+def scaling(quick: bool) -> Entry:
+    """Time against radius at one size, and against size at one radius."""
+    sizes = SIZES[:1] if quick else SIZES
+    by_size: list[Entry] = []
+    by_radius: list[Entry] = []
+    for width, height in sizes:
+        buffer = made("perspective", width, height)
+        pixel = buffer.camera.rays[0] * float(np.nanmedian(buffer.depth))
+        for label, method, options in speed_runs(80.0 * pixel * height / 1080.0):
+            by_size.append(measured(buffer, label, method, options, width=width, height=height))
+        if (width, height) != (sizes[0] if quick else SIZES[1]):
+            continue
+        for radius in RADII_PIXELS[::3] if quick else RADII_PIXELS:
+            for label, method, options in scaling_runs(radius * pixel):
+                by_radius.append(measured(buffer, label, method, options, radius_pixels=radius))
+    return {"by_size": by_size, "by_radius": by_radius, "radius_size": sizes[0 if quick else 1]}
+
+
+def measured(buffer: Any, label: str, method: str, options: Entry, **where: Any) -> Entry:
+    """One timing, after a run that compiles."""
+    entry: Entry = {"label": label, "method": method, **where}
+    try:
+        timed(buffer, method, options)
+        entry |= timed(buffer, method, options, repeats=3)[1]
+    except InputError as error:
+        entry["left_out"] = str(error)
+    print("  ", entry, flush=True)
+    return entry
+
+
+def main() -> None:
+    """Measure, write and plot."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--full", action="store_true", help="the whole ledger")
+    parser.add_argument("--ledger", action="store_true", help="of it, errors only")
+    parser.add_argument("--timing", action="store_true", help="of it, growth of time only")
+    parser.add_argument("--present", action="store_true", help="write tables and plots anew")
+    parser.add_argument("--cases", nargs="*", help="names of depth buffers, for --ledger")
+    asked = parser.parse_args()
+    quick = not (asked.full or asked.ledger or asked.timing or asked.present)
+    warnings.simplefilter("ignore", DepthPrecisionWarning)
+    path = RESULTS / ("ssao-quick.json" if quick else "ssao.json")
+    results: Entry = {}
+    if path.is_file() and not (quick or asked.full):
+        results = json.loads(path.read_text())
+    if not asked.present:
+        results["about"] = present.about()
+    if quick:
+        cases = [
+            made_case("perspective", 480, 270, 48, 2000),
+            made_case("orthographic", 480, 270, 48, 2000),
+        ]
+        results["ledger"] = ledger(cases, 4096, quick=True)
+        results["scaling"] = scaling(quick=True)
+    if asked.full or asked.ledger:
+        cases = [c for name in REAL if (c := real_case(name, PIXELS)) is not None]
+        cases += [made_case(p, 1280, 720, 128, PIXELS) for p in ("perspective", "orthographic")]
+        wanted = [c for c in cases if not asked.cases or c.name in asked.cases]
+        new = {each["name"]: each for each in ledger(wanted, RAYS, quick=False)}
+        old = {each["name"]: each for each in results.get("ledger", [])}
+        results["ledger"] = [{**old, **new}[c.name] for c in cases if c.name in {**old, **new}]
+    if asked.full or asked.timing:
+        results["scaling"] = scaling(quick=False)
+    RESULTS.mkdir(exist_ok=True)
+    path.write_text(json.dumps(results, indent=1, default=_plain) + "\n")
+    path.with_suffix(".md").write_text(ssao_present.table(results, path.stem))
+    ssao_present.plots(results, path.with_suffix(""))
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
+
+
+if __name__ == "__main__":
+    main()

@@ -25,7 +25,7 @@ from adret._kernels.angles import HALF_PI, atan_slope
 from adret._kernels.jit import greater, index, inline, prange, strict_kernel, strict_parallel_kernel
 
 CHUNK = 128
-LANES = 64  # of them whose light is added up together
+LANES = 32  # of them whose light is added up together
 GROUP = 4
 BLOCK = 16
 PAD = 8  # cells on the sides that rays run to: a group of crossings spans fewer

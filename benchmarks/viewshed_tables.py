@@ -68,7 +68,8 @@ def table(results: Entry) -> str:
         "",
         "Errors are shares of the mean area, on cells whose exact viewshed was measured. Embree "
         "and exact viewsheds were run from those cells alone; their time is that of as many "
-        "as there are cells.",
+        "as there are cells. WhiteboxTools counts the stations that see a cell's ground, not the "
+        "ground that a station sees; it is held against exact viewsheds of that kind.",
     ]
     for raster in results["totals"]:
         lines += [
@@ -109,9 +110,22 @@ def plot(results: Entry, path: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(12.8, 4.8), layout="constrained")
+    count = 1 + len(results["totals"])
+    figure, axes = pyplot.subplots(1, count, figsize=(5.6 * count, 4.6), layout="constrained")
+    one_observer(axes[0], results["views"])
+    for axis, raster in zip(axes[1:], results["totals"], strict=True):
+        all_cells(axis, raster)
+    for axis in axes:
+        axis.grid(True, which="both", alpha=0.25)
+        axis.legend(fontsize=7)
+    figure.savefig(path, dpi=110)
+    pyplot.close(figure)
+
+
+def one_observer(axis: Any, views: list[Entry]) -> None:
+    """Share of pairs that are wrong against CPU time; a marker a raster."""
     names: dict[str, list[tuple[float, float]]] = {}
-    for raster in results["views"]:
+    for raster in views:
         for e in raster["entries"]:
             if "left_out" not in e:
                 off = e["pairs_wrong"] / e["pairs"]
@@ -119,39 +133,42 @@ def plot(results: Entry, path: Path) -> None:
     floor = min((y for points in names.values() for _, y in points if y > 0), default=1e-3) / 4
     for marker, (name, points) in zip("o^v<>sDP", names.items(), strict=False):
         xs, ys = zip(*points, strict=True)
-        left.loglog(xs, [max(y, floor) for y in ys], marker, label=name)
-    left.axhline(floor, color="k", lw=0.8, ls=":")
-    left.annotate("none wrong", (1.0, floor), xycoords=("axes fraction", "data"), ha="right")
-    left.set_xlabel("CPU time [ns a cell]")
-    left.set_ylabel("share of pairs that are wrong")
-    left.set_title("one observer")
-    raster = results["totals"][0]
-    entries = [e for e in raster["entries"] if e.get("mean", 0.0) > 0.0]
+        axis.loglog(xs, [max(y, floor) for y in ys], marker, label=name)
+    axis.axhline(floor, color="k", lw=0.8, ls=":")
+    axis.annotate(
+        "none wrong", (0.99, floor * 1.05), xycoords=("axes fraction", "data"), ha="right"
+    )
+    axis.set_xlabel("CPU time [ns a cell]")
+    axis.set_ylabel("share of pairs that are wrong")
+    axis.set_title("one observer")
+
+
+def all_cells(axis: Any, raster: Entry) -> None:
+    """Mean error of the area that each cell sees against CPU time."""
     for prefix, marker in (("Adret", "o"), ("WhiteboxTools", "s"), ("Embree", "D")):
-        some = [e for e in entries if e["name"].startswith(prefix)]
-        groups = {True: [e for e in some if e.get("default_near", True)]}
-        groups[False] = [e for e in some if not e.get("default_near", True)]
-        for usual, group in groups.items():
+        some = [
+            e
+            for e in raster["entries"]
+            if e["name"].startswith(prefix) and e.get("mean", 0.0) > 0.0
+        ]
+        for usual in (True, False):
+            group = [e for e in some if e.get("default_near", True) == usual]
             if not group:
                 continue
-            label = prefix + ("" if usual else ", 64 azimuths by near field")
-            line = "" if prefix == "Embree" else "-"
-            right.loglog(
-                [e["us"] for e in group], [e["mean"] for e in group], marker + line, label=label
+            axis.loglog(
+                [e["us"] for e in group],
+                [e["mean"] for e in group],
+                marker + ("" if prefix == "Embree" else "-"),
+                label=prefix + ("" if usual else ", 64 azimuths, by near radius"),
             )
             for e in group:
-                right.annotate(
+                axis.annotate(
                     e["name"].split(", ", 1)[1].replace(" azimuths", ""),
                     (e["us"], e["mean"]),
                     textcoords="offset points",
                     xytext=(5, 4),
                     fontsize=7,
                 )
-    right.set_xlabel("CPU time [µs a cell]")
-    right.set_ylabel("mean error of the area seen")
-    right.set_title(f"all cells: {raster['raster'].split('_')[1]}, {raster['side']}²")
-    for axis in (left, right):
-        axis.grid(True, which="both", alpha=0.25)
-        axis.legend(fontsize=8)
-    figure.savefig(path, dpi=120)
-    pyplot.close(figure)
+    axis.set_xlabel("CPU time [µs a cell]")
+    axis.set_ylabel("mean error of the area seen")
+    axis.set_title(f"all cells: {raster['raster'].split('_')[1]}, {raster['side']}²")

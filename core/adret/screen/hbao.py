@@ -6,7 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from adret._kernels.screen.hbao import horizons, marched_rays
+from adret._kernels.screen.hbao import horizons
+from adret._kernels.screen.marched_rays import marched_rays
 from adret.errors import InputError
 from adret.screen.bands import Layer, run_in_bands
 from adret.screen.crytek import nearness_of

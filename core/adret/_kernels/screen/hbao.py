@@ -1,38 +1,182 @@
-"""Horizon-based ambient occlusion, and the ray march that it stands for.
+"""Horizon-based ambient occlusion.
 
-`draws` are cosine and sine of an angle and a fraction of a step for each pixel.
+LANES neighbours of a row walk together: each loop over them does one thing and vectorises, but for
+the one that fetches depths from all over the image.
 """
 
 import numpy as np
 
 from adret._kernels.jit import index, inline, kernel, parallel_kernel, prange
-from adret._kernels.screen.containment import tangents
-from adret._kernels.screen.falloffs import weight
+from adret._kernels.screen.falloffs import HARD, NONE, QUADRATIC, weight
 from adret._kernels.screen.noise import uniform
-from adret._kernels.screen.surface import behind, inside, spread, surface_at
 
+LANES = 64
 ANGLE = 0  # counters of the noise
 STEP = 1
-SHIFT = 1 << 20  # pixels; makes places positive, so that the conversion rounds down
+LOW = -2.0  # below any sine
+# Rows of the scratch array: what a lane keeps for a pixel,
+Z, X, Y, N_RIGHT, N_UP, N_BACK, WIDE, HIGH, COS, SIN, JITTER, COUNT = (
+    index(LANES * k) for k in range(12)
+)
+# along a direction,
+STEP_ROW, STEP_COLUMN, TANGENT, TOP, GROUND = (index(LANES * k) for k in range(12, 17))
+BANK = index(2 * LANES)  # from one bank of TOP and GROUND to the other
+# and of a sample.
+AT_ROW, AT_COLUMN, THERE, DISTANCE, ELEVATION, ABOVE, WEIGHT, TOTAL, SEEN = (
+    index(LANES * k) for k in range(19, 28)
+)
+SCRATCH = 28 * LANES
+
+
+@kernel
+def begin_pixels(
+    row,
+    column0,
+    lanes,
+    s,
+    depth,
+    normal,
+    rays,
+    perspective,
+    origin,
+    seed,
+    jitter,
+    turn,
+    steps,
+    spacing,
+    radius,
+):
+    """Fill what a lane keeps for its pixel; the number of steps is 0 where there is no surface."""
+    ax, bx, ay, by = rays[0], rays[1], rays[2], rays[3]
+    diagonal = np.hypot(depth.shape[0] * ay, depth.shape[1] * ax)
+    for j in range(lanes):
+        i = index(j)
+        column = column0 + j
+        z = np.float64(depth[row, column])
+        grow = z if perspective else 1.0
+        s[Z + i] = z
+        s[X + i] = grow * (ax * column + bx)
+        s[Y + i] = grow * (ay * row + by)
+        s[N_RIGHT + i] = normal[0, row, column]
+        s[N_UP + i] = normal[1, row, column]
+        s[N_BACK + i] = max(np.float64(normal[2, row, column]), 1e-4)
+        # Half axes of the projected radius [pixels]; the image bounds what can be met.
+        reach = min(radius, diagonal * grow)
+        s[WIDE + i] = reach / (grow * ax)
+        s[HIGH + i] = reach / (grow * -ay)
+        long = max(s[WIDE + i], s[HIGH + i])
+        s[COUNT + i] = 0.0
+        if z == z:
+            s[COUNT + i] = np.floor(long / spacing) if spacing > 0.0 else min(steps, np.floor(long))
+        s[COS + i], s[SIN + i], s[JITTER + i] = 1.0, 0.0, 0.0
+        if jitter:
+            angle = turn * uniform(row + origin[0], column + origin[1], seed, ANGLE)
+            s[COS + i], s[SIN + i] = np.cos(angle), np.sin(angle)
+            s[JITTER + i] = uniform(row + origin[0], column + origin[1], seed, STEP)
 
 
 @inline
-def tangent_sine(right, up, n_right, n_up, n_back, cos_bias, sin_bias):
-    """Sine of the surface's own elevation towards (right, up), raised by the angle bias."""
-    fall = -(n_right * right + n_up * up)
-    run = n_back * np.sqrt(right * right + up * up)
-    long = np.sqrt(run * run + fall * fall)
-    sine = 1.0
-    if long > 0.0:
-        raised = run * cos_bias - fall * sin_bias  # cosine of the raised elevation
+def begin_direction(cosine, sine, lanes, s):
+    """Set the steps of a direction and clear its horizon."""
+    for j in range(lanes):
+        i = index(j)
+        per_step = 1.0 / (s[COUNT + i] + 1.0)
+        s[STEP_COLUMN + i] = (cosine * s[COS + i] - sine * s[SIN + i]) * s[WIDE + i] * per_step
+        s[STEP_ROW + i] = (sine * s[COS + i] + cosine * s[SIN + i]) * s[HIGH + i] * per_step
+        s[TOP + i] = LOW
+        s[GROUND + i] = 0.0
+        s[TANGENT + i] = LOW
+
+
+@inline
+def places(row, column0, step, lanes, s, rows, columns, at):
+    """Find each lane's pixel at a step; -1 where there is none."""
+    for j in range(lanes):
+        i = index(j)
+        far = step + s[JITTER + i]
+        r = np.floor(row + 0.5 + far * s[STEP_ROW + i])
+        c = np.floor(column0 + j + 0.5 + far * s[STEP_COLUMN + i])
+        s[AT_ROW + i] = r
+        s[AT_COLUMN + i] = c
+        known = (r >= 0.0) & (c >= 0.0) & (r < rows) & (c < columns) & (step <= s[COUNT + i])
+        at[i] = np.int32(r * columns + c if known else -1.0)
+        s[SEEN + i] += 1.0 if known else 0.0
+
+
+@inline
+def fetch(row, column0, lanes, s, depth, at):
+    """Fetch the depths there; NaN outside and for the pixel itself."""
+    own = np.int32(row * depth.shape[1] + column0)
+    flat = depth.ravel()
+    for j in range(lanes):
+        i = index(j)
+        k = at[i]
+        s[THERE + i] = flat[index(k)] if k >= 0 and k != own + j else np.nan
+
+
+@inline
+def rise(lanes, s, rays, perspective, radius2, per_sample, cos_bias, sin_bias):
+    """Find distances, elevations, and how far they stand above the tangent."""
+    ax, bx, ay, by = rays[0], rays[1], rays[2], rays[3]
+    for j in range(lanes):
+        i = index(j)
+        z = s[THERE + i]
+        grow = z if perspective else 1.0
+        right = grow * (ax * s[AT_COLUMN + i] + bx) - s[X + i]
+        up = grow * (ay * s[AT_ROW + i] + by) - s[Y + i]
+        toward = s[Z + i] - z
+        across2 = right * right + up * up
+        distance2 = across2 + toward * toward
+        near = distance2 <= radius2
+        distance = np.sqrt(distance2)
+        fall = -(s[N_RIGHT + i] * right + s[N_UP + i] * up)
+        run2 = s[N_BACK + i] * s[N_BACK + i] * across2
+        run = np.sqrt(run2)
+        long = np.sqrt(run2 + fall * fall)
+        raised = run * cos_bias - fall * sin_bias  # cosine of the tangent raised by the bias
         sine = (fall * cos_bias + run * sin_bias) / long if raised > 0.0 else 1.0
-    return sine
+        if not per_sample:
+            sine = sine if s[TANGENT + i] == LOW or not near else s[TANGENT + i]
+            s[TANGENT + i] = sine if near else s[TANGENT + i]
+        elevation = toward / distance
+        s[DISTANCE + i] = distance
+        s[ABOVE + i] = elevation - sine
+        s[ELEVATION + i] = elevation if near else LOW - 1.0
 
 
 @inline
-def rounded(place):
-    """Nearest whole number of a place on the image or beside it."""
-    return np.int64(place + (0.5 + SHIFT)) - SHIFT
+def weigh(lanes, s, code, radius, scale, table):
+    """Weigh distances by the falloff."""
+    if code in (NONE, HARD):
+        for j in range(lanes):
+            i = index(j)
+            s[WEIGHT + i] = 1.0 if s[DISTANCE + i] < radius else 0.0
+    elif code == QUADRATIC:
+        per_radius2 = 1.0 / (radius * radius)
+        for j in range(lanes):
+            i = index(j)
+            s[WEIGHT + i] = max(1.0 - s[DISTANCE + i] * s[DISTANCE + i] * per_radius2, 0.0)
+    else:
+        for j in range(lanes):
+            i = index(j)
+            s[WEIGHT + i] = weight(code, radius, scale, table, s[DISTANCE + i])
+
+
+@inline
+def climb(lanes, s, before, after):
+    """Add the samples that raise the horizon.
+
+    It is read from one bank and written to the other: a value that is stored where it came from
+    becomes a masked store, and the loop does not vectorise.
+    """
+    for j in range(lanes):
+        i = index(j)
+        top, ground = s[before + TOP + i], s[before + GROUND + i]
+        elevation, above = s[ELEVATION + i], s[ABOVE + i]
+        higher = (elevation > top) & ((top > LOW) | (above > 0.0))
+        s[after + TOP + i] = elevation if higher else top
+        s[after + GROUND + i] = above if higher else ground
+        s[TOTAL + i] += s[WEIGHT + i] * (above - ground) if higher else 0.0
 
 
 @kernel
@@ -59,81 +203,50 @@ def horizons_of_row(
     confidence,
 ):
     """One row of `horizons`."""
-    ax, bx, ay, by = rays[0], rays[1], rays[2], rays[3]
-    column0, column1 = frame[2], frame[3]
-    rows, columns = depth.shape
     turn = 2.0 * np.pi / directions
-    cosines = np.cos(turn * np.arange(directions))
-    sines = np.sin(turn * np.arange(directions))
-    diagonal = np.hypot(rows * ay, columns * ax)
     cos_bias, sin_bias = np.cos(bias), np.sin(bias)
-    radius2 = radius * radius
-    for column in range(column0, column1):
-        total = np.nan
-        seen = 0
-        taken = 0
-        z = np.float64(depth[row, column])
-        if z == z:
-            total = 0.0
-            grow = spread(perspective, z)
-            x = grow * (ax * column + bx)
-            y = grow * (ay * row + by)
-            n_right = np.float64(normal[0, row, column])
-            n_up = np.float64(normal[1, row, column])
-            n_back = max(np.float64(normal[2, row, column]), 1e-4)
-            # Half axes of the projected radius [pixels]; the image bounds what can be met.
-            reach = min(radius, diagonal * grow)
-            wide = reach / (grow * ax)
-            high = reach / (grow * -ay)
-            long = max(wide, high)
-            count = np.int64(long / spacing) if spacing > 0.0 else min(steps, np.int64(long))
-            first_cosine, first_sine, shift = 1.0, 0.0, 0.0
-            if jitter:
-                angle = turn * uniform(row + origin[0], column + origin[1], seed, ANGLE)
-                first_cosine, first_sine = np.cos(angle), np.sin(angle)
-                shift = uniform(row + origin[0], column + origin[1], seed, STEP)
-            for k in range(directions):
-                if count == 0:
-                    break
-                cosine = cosines[k] * first_cosine - sines[k] * first_sine
-                sine = sines[k] * first_cosine + cosines[k] * first_sine
-                step_columns = cosine * wide / (count + 1)
-                step_rows = sine * high / (count + 1)
-                top = -2.0  # sine of the highest elevation so far, squared with its sign
-                ground = 0.0  # by how much it stands above the surface's own
-                sine_tangent = -2.0
-                taken += count
-                for i in range(1, count + 1):
-                    i_row = rounded(row + (i + shift) * step_rows)
-                    i_column = rounded(column + (i + shift) * step_columns)
-                    if i_row < 0 or i_column < 0 or i_row >= rows or i_column >= columns:
-                        break
-                    seen += 1
-                    if i_row == row and i_column == column:
-                        continue
-                    z_there = np.float64(depth[index(i_row), index(i_column)])
-                    grow_there = spread(perspective, z_there)
-                    right = grow_there * (ax * i_column + bx) - x
-                    up = grow_there * (ay * i_row + by) - y
-                    rise = z - z_there
-                    distance2 = right * right + up * up + rise * rise
-                    # False for NaN; no root and no quotient before they are needed.
-                    if distance2 <= radius2 and rise * abs(rise) > top * distance2:
-                        distance = np.sqrt(distance2)
-                        elevation = rise / distance
-                        if per_sample or sine_tangent == -2.0:
-                            sine_tangent = tangent_sine(
-                                right, up, n_right, n_up, n_back, cos_bias, sin_bias
-                            )
-                        above = elevation - sine_tangent
-                        if top > -2.0 or above > 0.0:
-                            w = weight(code, radius, scale, table, distance)
-                            total += w * (above - ground)
-                            top = elevation * abs(elevation)
-                            ground = above
-            total /= directions
-        occlusion[column - column0] = total
-        confidence[column - column0] = seen / taken if taken > 0 else 1.0
+    rows, columns = depth.shape
+    s = np.empty(SCRATCH)
+    at = np.empty(LANES, np.int32)
+    for first in range(frame[2], frame[3], LANES):
+        lanes = min(LANES, frame[3] - first)
+        begin_pixels(
+            row,
+            first,
+            lanes,
+            s,
+            depth,
+            normal,
+            rays,
+            perspective,
+            origin,
+            seed,
+            jitter,
+            turn,
+            steps,
+            spacing,
+            radius,
+        )
+        most = 0
+        for j in range(lanes):
+            i = index(j)
+            most = max(most, np.int64(s[COUNT + i]))
+            s[TOTAL + i] = 0.0
+            s[SEEN + i] = 0.0
+        for k in range(directions):
+            begin_direction(np.cos(turn * k), np.sin(turn * k), lanes, s)
+            for step in range(1, most + 1):
+                places(row, first, step, lanes, s, rows, columns, at)
+                fetch(row, first, lanes, s, depth, at)
+                rise(lanes, s, rays, perspective, radius * radius, per_sample, cos_bias, sin_bias)
+                weigh(lanes, s, code, radius, scale, table)
+                climb(lanes, s, index(step + 1) % 2 * BANK, index(step) % 2 * BANK)
+        for j in range(lanes):
+            i = index(j)
+            here = first - frame[2] + j
+            taken = directions * s[COUNT + i]
+            occlusion[here] = s[TOTAL + i] / directions
+            confidence[here] = s[SEEN + i] / taken if taken > 0.0 else 1.0
 
 
 @parallel_kernel
@@ -179,139 +292,6 @@ def horizons(
             spacing,
             per_sample,
             bias,
-            code,
-            radius,
-            scale,
-            table,
-            occlusion[row - frame[0]],
-            confidence[row - frame[0]],
-        )
-
-
-@kernel
-def march_row(
-    row,
-    nearness,
-    depth,
-    normal,
-    rays,
-    perspective,
-    frame,
-    origin,
-    seed,
-    jitter,
-    directions,
-    per_direction,
-    steps,
-    code,
-    radius,
-    scale,
-    table,
-    occlusion,
-    confidence,
-):
-    """One row of `marched_rays`."""
-    ax, bx, ay, by = rays[0], rays[1], rays[2], rays[3]
-    column0, column1 = frame[2], frame[3]
-    turn = 2.0 * np.pi / directions
-    radius2 = radius * radius
-    for column in range(column0, column1):
-        total = np.nan
-        decided = 0
-        z = np.float64(depth[row, column])
-        if z == z:
-            total = 0.0
-            x = spread(perspective, z) * (ax * column + bx)
-            y = spread(perspective, z) * (ay * row + by)
-            n = (normal[0, row, column], normal[1, row, column], normal[2, row, column])
-            first, second = tangents(n[0], n[1], n[2])
-            for k in range(directions):
-                a, b = 0.5, 0.5
-                if jitter:
-                    a = uniform(row + origin[0], column + origin[1], seed, 2 * k + ANGLE)
-                    b = uniform(row + origin[0], column + origin[1], seed, 2 * k + STEP)
-                cosine, sine = np.cos(turn * (k + a)), np.sin(turn * (k + a))
-                for j in range(per_direction):
-                    # Fractions shifted from ray to ray by the golden ratio.
-                    fraction = b + 0.6180339887498949 * j
-                    fraction -= np.floor(fraction)
-                    up_normal = (j + fraction) / per_direction
-                    across = np.sqrt(1.0 - up_normal * up_normal)
-                    u, v = across * cosine, across * sine
-                    right = u * first[0] + v * second[0] + up_normal * n[0]
-                    up = u * first[1] + v * second[1] + up_normal * n[1]
-                    back = u * first[2] + v * second[2] + up_normal * n[2]
-                    left_image = False
-                    for i in range(steps):
-                        t = radius * (i + (fraction if jitter else 1.0)) / steps
-                        depth_there = z - t * back
-                        if not (depth_there > 0.0 or not perspective):
-                            left_image = True
-                            break
-                        grow = spread(perspective, depth_there)
-                        i_column = ((x + t * right) / grow - bx) / ax
-                        i_row = ((y + t * up) / grow - by) / ay
-                        if not inside(nearness, i_row, i_column):
-                            left_image = True
-                            break
-                        surface = surface_at(nearness, i_row, i_column)
-                        if behind(perspective, depth_there, surface):
-                            z_hit = 1.0 / surface if perspective else -surface
-                            grow = spread(perspective, z_hit)
-                            d_right = grow * (ax * i_column + bx) - x
-                            d_up = grow * (ay * i_row + by) - y
-                            d_back = z - z_hit
-                            d2 = d_right * d_right + d_up * d_up + d_back * d_back
-                            if d2 <= radius2:
-                                total += weight(code, radius, scale, table, np.sqrt(d2))
-                                break
-                    decided += not left_image
-            total /= directions * per_direction
-        occlusion[column - column0] = total
-        confidence[column - column0] = decided / (directions * per_direction)
-
-
-@parallel_kernel
-def marched_rays(
-    nearness,
-    depth,
-    normal,
-    rays,
-    perspective,
-    frame,
-    origin,
-    seed,
-    jitter,
-    directions,
-    per_direction,
-    steps,
-    code,
-    radius,
-    scale,
-    table,
-    occlusion,
-    confidence,
-):
-    """Mean weight of the first samples along 3D rays that lie behind the surface.
-
-    Rays are uniform over the hemisphere: `directions` azimuths round the normal, `per_direction`
-    elevations of equally spaced sines. A ray takes `steps` equal steps to the distance `radius`.
-    """
-    for row in prange(frame[0], frame[1]):
-        march_row(
-            row,
-            nearness,
-            depth,
-            normal,
-            rays,
-            perspective,
-            frame,
-            origin,
-            seed,
-            jitter,
-            directions,
-            per_direction,
-            steps,
             code,
             radius,
             scale,

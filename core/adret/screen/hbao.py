@@ -103,7 +103,8 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
 
     A direction's samples lie at (i + β) steps, i = 1 to N, of 1/(N + 1) of the projected radius,
     snapped to pixels. Where a step would be shorter than a pixel there are fewer, and where the
-    radius is, none. Published is an end at that point for the whole pixel.
+    radius is, none. Published is an end at that point for the whole pixel. What lies within the
+    first step is not seen: few steps at a large projected radius give too little occlusion.
 
     Ours is exact where the publication is not: tangents are taken at the samples' own places in
     view space, so a plane gives 0 at any tilt in perspective, too.

@@ -59,6 +59,20 @@ class SsaoParameters(Parameters):
     intensity: float = option(
         1.0, "Factor of the occlusion, before the power.", above=0.0, maximum=999.0
     )
+    half_res: bool = option(
+        False, "Compute every second pixel of every second row, and fill in the rest by depth."
+    )
+    denoise: Literal["box", "bilateral", "gaussian"] | None = option(
+        None,
+        "Filter against noise: box 4 x 4 of equal depth; bilateral 15 x 15 by depth; gaussian "
+        "5 x 5 whatever the depth.",
+    )
+    depth_tolerance: float | None = option(
+        None,
+        "Difference of depth across which filters do not reach; default: by the radius.",
+        unit="view units",
+        above=0.0,
+    )
     layer: Literal["occlusion", "visibility", "confidence", "bent-normal"] = option(
         "occlusion",
         "occlusion: 0 open, 1 closed; visibility: 1 less that; confidence: share of the "
@@ -73,7 +87,7 @@ class SsaoParameters(Parameters):
     )
 
     def options(self) -> dict[str, Any]:
-        """What was chosen of the method's own options."""
-        shared = ("method", "power", "intensity", "layer", "color")
+        """What was chosen, as `ambient_occlusion` takes it."""
+        shared = ("layer", "color")
         chosen = {each.name: getattr(self, each.name) for each in fields(self)}
         return {k: v for k, v in chosen.items() if k not in shared and v is not None}

@@ -96,8 +96,17 @@ class VisibilityParameters(BodyParameters):
     directions: int = option(
         32, "Number of azimuths, equally spaced from grid north.", minimum=1, maximum=7200
     )
-    method: Literal["tree", "march"] = option(
-        "tree", "tree: convex-hull tree; march: the naive walk, which gives the same."
+    method: Literal["rays", "tree", "march"] = option(
+        "rays",
+        "rays: every cell's own ray; tree: own rays up to near, and beyond it a convex-hull tree "
+        "on swept lines; march: the naive walk instead of the tree, which gives the same.",
+    )
+    near: int | None = option(
+        None,
+        "Distance in cells up to which every crossing of a cell's own ray with the grid hides; "
+        "larger is more accurate. Default: 4096 for rays, else 32.",
+        minimum=0,
+        maximum=4096,
     )
     observer_height: float = option(
         1.6, "Height of the eyes above the ground.", unit="m", minimum=0.0, maximum=1e6

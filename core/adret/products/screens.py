@@ -31,14 +31,7 @@ def ssao(buffer: "DepthBuffer", parameters: SsaoParameters, progress: Progress |
     colour = None if parameters.color is None else read_picture(parameters.color, "color")
     if colour is not None:
         colour = _frame_of(colour, buffer)
-    result = ambient_occlusion(
-        buffer,
-        method=parameters.method,
-        power=parameters.power,
-        intensity=parameters.intensity,
-        progress=progress,
-        **parameters.options(),
-    )
+    result = ambient_occlusion(buffer, progress=progress, **parameters.options())
     layers = _layers(result, parameters)
     bent = parameters.layer == "bent-normal"
     names = tuple(f"bent normal, {axis}" for axis in ("right", "up", "back"))
@@ -106,6 +99,8 @@ def _tags(buffer: "DepthBuffer", result: "AOResult", parameters: SsaoParameters)
         "ADRET_FRAME": "rows {}:{}, columns {}:{} of the depth buffer".format(*result.frame),
         "ADRET_POWER": f"{parameters.power:g}",
         "ADRET_INTENSITY": f"{parameters.intensity:g}",
+        "ADRET_HALF_RES": str(parameters.half_res).lower(),
+        "ADRET_DENOISE": parameters.denoise or "none",
     }
     for name, value in result.report.options.items():
         if isinstance(value, float) and math.isinf(value):

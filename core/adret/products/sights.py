@@ -86,13 +86,16 @@ def viewshed(
 def visibility(
     terrain: "Terrain", parameters: VisibilityParameters, progress: Progress | None
 ) -> Result:
+    from adret.sight_rays import NEAR
     from adret.sight_sweep import Reduction
     from adret.visibility import intervisibility
 
+    near = NEAR[parameters.method] if parameters.near is None else parameters.near
     layer = intervisibility(
         terrain,
         parameters.directions,
         method=parameters.method,
+        near=near,
         reduce=cast(Reduction, parameters.measure.replace("-", "_")),
         observer_height=parameters.observer_height,
         progress=progress,
@@ -106,6 +109,7 @@ def visibility(
         tags=tags_of(terrain, "visibility", definition, parameters)
         | {
             "ADRET_METHOD": parameters.method,
+            "ADRET_NEAR": str(near),
             "ADRET_DIRECTIONS": str(parameters.directions),
             "ADRET_OBSERVER_HEIGHT": f"{parameters.observer_height:g} m",
         },

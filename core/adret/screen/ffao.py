@@ -1,7 +1,8 @@
-"""Far-field ambient obscurance (P4): all of the image occludes, at a cost that no radius changes."""
+"""Far-field ambient obscurance (P4): all of the image occludes, at the same cost for any radius."""
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -21,9 +22,12 @@ from adret.screen.slabs import table_of
 __all__ = ["Options", "estimate"]
 
 KINDS = {"sectors": kernels.SECTORS, "lines": kernels.LINES, "mipmaps": kernels.MIPMAPS}
+BIAS = 0.02
+"""Slope by which a peak may fall towards the receiver and still be the peak."""
 LEAN = 0.5
 """Where between an interval's near end and its peak a slab meets the horizon so far."""
-LEAST_SHARE = 1e-6
+SNAP = 1e-9
+STEEPEST = math.radians(80.0)
 
 Layer = NDArray[np.float32]
 
@@ -112,8 +116,6 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     sum is divided by what all directions could give. `peaks` "receiver angles" takes the second
     and the third change back.
 
-    The same peaks serve both directions of a line, so 16 directions are 8 scans.
-
     References
     ----------
     V. Timonen, "Screen-Space Far-Field Ambient Obscurance", High Performance Graphics 2013 (P4).
@@ -128,8 +130,11 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     >>> ambient_occlusion(buffer, method="ffao").occlusion[32, 32].round(2)
     np.float32(0.48)
     """
+    if np.isnan(field.depth).all():
+        empty = np.zeros(field.shape, dtype=np.float32)
+        return Estimate(empty, empty, None, {})
     work = _Work(field, options)
-    headings = _headings(options.directions)
+    headings = _headings(options.directions, float(field.rays[0]), float(field.rays[2]))
     for done, (swap, angle, signs) in enumerate(headings):
         if progress is not None:
             progress(done, len(headings))
@@ -140,19 +145,24 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     return Estimate(occlusion, confidence, None, {})
 
 
-def _headings(count: int) -> list[tuple[bool, float, tuple[int, ...]]]:
-    """Lines of `count` directions: whether columns are the major axis, angle from it, and signs.
+def _headings(count: int, ax: float, ay: float) -> list[tuple[bool, float, tuple[int, ...]]]:
+    """Lines of `count` directions: whether columns are the major axis, view angle from it, signs.
 
-    Directions lie halfway between multiples of 360°/count, so that for 8n no sector reaches over a
-    diagonal. Opposite directions share their lines.
+    Directions lie halfway between multiples of 360°/count of view space, so that for 8n and square
+    pixels no sector reaches over a diagonal. Opposite directions run along the same lines. `ax`
+    and `ay` are the sides of a pixel.
     """
-    found = []
+    found: list[tuple[bool, float, tuple[int, ...]]] = []
     for k in range(count if count % 2 else count // 2):
         angle = 2.0 * math.pi * (k + 0.5) / count
-        row, column = math.sin(angle), math.cos(angle)
-        swap = abs(column) > abs(row) + LEAST_SHARE
-        major, minor = (column, row) if swap else (row, column)
-        sign = 1 if major > 0.0 else -1
+        right, up = math.cos(angle), math.sin(angle)
+        swap = bool(abs(right / ax) > abs(up / ay) + SNAP)
+        # A sector must not reach round to what runs along the rows.
+        steep = math.atan2(abs(up), abs(right)) if swap else math.atan2(abs(right), abs(up))
+        if steep + math.pi / count > STEEPEST:
+            swap = not swap
+        major, minor = (right, up) if swap else (up, right)
+        sign = 1 if major * (ax if swap else ay) > 0.0 else -1
         signs = (sign,) if count % 2 else (sign, -sign)
         found.append((swap, math.atan(minor / major), signs))
     return found
@@ -177,11 +187,12 @@ class _Work:
         self.table = table_of(field, options.weights())
         self.frames = [_frame(field, options, swap) for swap in (False, True)]
         # A receiver angle of 45° at the middle depth (P4 takes 0° and 45°).
-        self.fall = 0.0
-        if options.peaks == "receiver angles":
-            ax, _, ay, _ = field.rays
-            pixel = math.sqrt(abs(ax * ay))
-            self.fall = pixel / float(np.nanmedian(field.depth)) if field.perspective else pixel
+        ax, _, ay, _ = field.rays
+        pixel = math.sqrt(abs(ax * ay))
+        fall = pixel / float(np.nanmedian(field.depth)) if field.perspective else pixel
+        published = options.peaks == "receiver angles"
+        self.fall = fall if published else 0.0
+        self.bias = 0.0 if published else BIAS * fall
 
     def look(self, number: int, swap: bool, angle: float, signs: tuple[int, ...]) -> None:
         """Add both directions of a set of lines."""
@@ -189,13 +200,12 @@ class _Work:
         at = self.frames[swap]
         half = math.pi / options.directions
         borders = angle + np.linspace(-half, half, options.segments + 1)
-        slopes = np.tan(borders)
-        wide = abs(at.view.rays[2] / at.view.rays[0])
-        wedges = np.diff(np.arctan(wide * slopes))
-        lines: Lines | None = None
+        am, _, an, _ = at.view.rays
+        slopes = np.tan(borders) * (am / an)
+        slope = math.tan(angle) * am / an
+        wedges = np.diff(borders)
         for sign in signs:
-            if lines is None or self.fall:
-                lines = self._lines(at.view.near, angle, sign)
+            lines = self._lines(at.view.near, slope, sign)
             kernels.obscurance(
                 at.view,
                 lines,
@@ -222,11 +232,10 @@ class _Work:
         row, column = divmod(number % 9, 3)
         return 3 * column + row if swap else 3 * row + column
 
-    def _lines(self, near: Layer, angle: float, sign: int) -> Lines:
+    def _lines(self, near: Layer, slope: float, sign: int) -> Lines:
         """Scan, pyramid and prefix sums of a direction."""
         rows, columns = near.shape
-        slope = math.tan(angle)
-        size = max(2, round(self.options.interval * math.cos(angle)))
+        size = max(2, round(self.options.interval / math.hypot(1.0, slope)))
         last = (rows - 1) * slope
         first = math.floor(min(0.0, -last)) - 1
         number = math.ceil(max(columns - 1.0, columns - 1.0 - last)) + 2 - first
@@ -239,9 +248,10 @@ class _Work:
         smooth = math.isinf(self.options.thickness)
         fall = sign * self.fall
         base = slice(0, counts[0])
-        scanning.scan(near, slope, first, size, fall, smooth, height[base], place[base])
-        for a, b in zip(starts[:-2], starts[1:-1], strict=True):
-            scanning.merge(height, place, a, b, b, fall != 0.0)
+        bias = sign * self.bias
+        scanning.scan(near, slope, first, size, fall, bias, smooth, height[base], place[base])
+        for a, b in pairwise(starts[:-1]):
+            scanning.merge(height, place, a, b, b, bias, fall != 0.0)
         if fall:
             scanning.to_rows(height, place, fall)
         sums = [np.empty((starts[-1], number + 1)) for _ in range(3)]
@@ -252,9 +262,7 @@ class _Work:
         """Occlusion and confidence of the frame."""
         row0, row1, column0, column1 = self.field.frame
         upright, turned = self.frames
-        closed, whole, unknown = (
-            a + b.T for a, b in zip(upright.sums, turned.sums, strict=True)
-        )
+        closed, whole, unknown = (a + b.T for a, b in zip(upright.sums, turned.sums, strict=True))
         if self.options.separation:
             near_closed, near_whole = (
                 a + b.T for a, b in zip(upright.near_sums, turned.near_sums, strict=True)
@@ -284,11 +292,11 @@ class _Work:
 def _frame(field: Field, options: Options, swap: bool) -> _Frame:
     """The image, or its transpose."""
     z = field.depth.astype(np.float64)
-    near = (1.0 / z if field.perspective else -z).astype(np.float32)
+    near: Layer = (1.0 / z if field.perspective else -z).astype(np.float32)
     ax, bx, ay, by = field.rays
     row0, row1, column0, column1 = field.frame
     right, up, back = field.normal
-    jitter = np.zeros(near.shape, dtype=np.float32)
+    jitter: Layer = np.zeros(near.shape, dtype=np.float32)
     if options.jitter:
         gathering.fill_jitter(field.origin, options.seed, jitter)
     normal, rays, frame = [up, right, back], [ay, by, ax, bx], [row0, row1, column0, column1]

@@ -31,6 +31,7 @@ METHODS: dict[str, str] = {
     "exact": "adret.screen.exact",
     "crytek": "adret.screen.crytek",
     "hbao": "adret.screen.hbao",
+    "ffao": "adret.screen.ffao",
     "lightfield": "adret.screen.lightfield",
     "vao": "adret.screen.vao",
     "raytraced": "adret.screen.raytraced",

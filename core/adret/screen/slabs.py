@@ -59,7 +59,9 @@ def slab_table(falloff: Falloff, nearest: float, farthest: float) -> Table:
     middle, width = 0.5 * (psi[1:] + psi[:-1]), np.diff(psi)
     weight = falloff.weight(distance / np.sin(middle)) * width
     values = np.zeros((len(squares), NODES, 4))
-    for column, factor in enumerate((1.0, np.cos(2.0 * middle), np.sin(2.0 * middle))):
+    for column, factor in enumerate(
+        (np.ones_like(middle), np.cos(2.0 * middle), np.sin(2.0 * middle))
+    ):
         sums = np.cumsum(weight * factor, axis=1)
         values[:, 1:, column] = sums[:, PARTS - 1 :: PARTS]
     return Table(

@@ -110,8 +110,23 @@ def walk(row, sign, size, rows, levels, starts, plan):
 
 @kernel
 def add_intervals(
-    w, f, plan, found, lines, view, row, sign, low_slope, high_slope, first, step, count, kind,
-    thickness, lean, table,
+    w,
+    f,
+    plan,
+    found,
+    lines,
+    view,
+    row,
+    sign,
+    low_slope,
+    high_slope,
+    first,
+    step,
+    count,
+    kind,
+    thickness,
+    lean,
+    table,
 ):
     """Raise the horizon by the intervals of a sector, or of a line in its middle."""
     own = -row * lines.slope - lines.first
@@ -131,8 +146,17 @@ def add_intervals(
             line_points(w, lines, interval, to, spread, view.jitter[row], first, step, count)
         start = low - row if sign > 0 else row - high + 1
         add_points(
-            w, count, row, sign, start - 0.5, ahead * sign, sign * (middle - lines.slope), thickness,
-            lean, view.perspective, table,
+            w,
+            count,
+            row,
+            sign,
+            start - 0.5,
+            ahead * sign,
+            sign * (middle - lines.slope),
+            thickness,
+            lean,
+            view.perspective,
+            table,
         )
 
 
@@ -143,7 +167,17 @@ def add_mipmaps(
     """Raise the horizon by samples of the mipmaps, ever farther apart."""
     for k in range(1, found):
         mipmap_points(
-            w, mipmaps, view.near.shape, row, sign, ways[k - 1], ways[k], slope, wedge, first, step,
+            w,
+            mipmaps,
+            view.near.shape,
+            row,
+            sign,
+            ways[k - 1],
+            ways[k],
+            slope,
+            wedge,
+            first,
+            step,
             count,
         )
         start = 0.5 * (ways[k - 1] + ways[k])
@@ -152,8 +186,25 @@ def add_mipmaps(
 
 @parallel_kernel
 def obscurance(
-    view, lines, mipmaps, table, frame, sign, slopes, wedges, kind, near_field, thickness, lean,
-    third, per_radius, closed_near, whole_near, closed, whole, unknown,
+    view,
+    lines,
+    mipmaps,
+    table,
+    frame,
+    sign,
+    slopes,
+    wedges,
+    kind,
+    near_field,
+    thickness,
+    lean,
+    third,
+    per_radius,
+    closed_near,
+    whole_near,
+    closed,
+    whole,
+    unknown,
 ):
     """Add the obscurance of a direction's sectors to the arrays, all (rows, columns) float32.
 
@@ -206,15 +257,22 @@ def obscurance(
             found = walk(row, sign, lines.size, rows, len(lines.starts), lines.starts, plan)
         for first in range(column0, column1, LANES):
             count = min(LANES, column1 - first)
-            major = load(w, view.near, view.normal, view.rays, view.perspective, level, row, first, count)
+            major = load(
+                w, view.near, view.normal, view.rays, view.perspective, level, row, first, count
+            )
             for s in range(len(wedges)):
                 slope = 0.5 * (slopes[s] + slopes[s + 1])
                 da = am * sign
                 db = an * sign * slope
                 side = np.sqrt(da * da + db * db)
                 aim(
-                    w, count, major, np.float32(da / side), np.float32(db / side),
-                    np.float32(side), np.float32(wedges[s]),
+                    w,
+                    count,
+                    major,
+                    np.float32(da / side),
+                    np.float32(db / side),
+                    np.float32(side),
+                    np.float32(wedges[s]),
                 )
                 if near_field:
                     near_samples(
@@ -236,16 +294,50 @@ def obscurance(
                         thinned[CLOSED + i] = ZERO
                 if kind == MIPMAPS:
                     add_mipmaps(
-                        block, mipmaps, ways, found, view, row, sign, slope, wedges[s], start, step,
-                        number, slant, table,
+                        block,
+                        mipmaps,
+                        ways,
+                        found,
+                        view,
+                        row,
+                        sign,
+                        slope,
+                        wedges[s],
+                        start,
+                        step,
+                        number,
+                        slant,
+                        table,
                     )
                 else:
                     add_intervals(
-                        block, f, plan, found, lines, view, row, sign, slopes[s], slopes[s + 1],
-                        start, step, number, kind, thickness, slant, table,
+                        block,
+                        f,
+                        plan,
+                        found,
+                        lines,
+                        view,
+                        row,
+                        sign,
+                        slopes[s],
+                        slopes[s + 1],
+                        start,
+                        step,
+                        number,
+                        kind,
+                        thickness,
+                        slant,
+                        table,
                     )
                 finish(block, number, plain, step, closed[row, start:], whole[row, start:])
                 leave(
-                    block, number, step, start, rows - 1 - row if sign > 0 else row, sign * slope,
-                    columns, reach, unknown[row, start:],
+                    block,
+                    number,
+                    step,
+                    start,
+                    rows - 1 - row if sign > 0 else row,
+                    sign * slope,
+                    columns,
+                    reach,
+                    unknown[row, start:],
                 )

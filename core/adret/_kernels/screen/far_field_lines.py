@@ -65,7 +65,7 @@ def shift_of(way, smooth):
 
 
 @parallel_kernel
-def scan(near, slope, first, size, fall, smooth, height, place):
+def scan(near, slope, first, size, fall, bias, smooth, height, place):
     """Fill the base level: the highest nearness of each interval, and a place.
 
     Parameters
@@ -79,6 +79,9 @@ def scan(near, slope, first, size, fall, smooth, height, place):
     fall : float
         0: `place` is the row of the highest point. Else it is the highest ``nearness + fall row``:
         the interval as seen along a line that loses `fall` a row.
+    bias : float
+        Nearness a row that a point may be lower by, to count as higher when it is on a lower row:
+        of a flat top the receiver sees the near edge.
     smooth : bool
         Between two columns: linear, or the nearer one.
     height, place : (intervals, lines) float32
@@ -103,8 +106,9 @@ def scan(near, slope, first, size, fall, smooth, height, place):
             seen = place[n, start:stop]
             here = np.float32(row)
             if tilt == ZERO:
+                lowered = np.float32(bias * row)
                 for x in range(stop - start):
-                    value = between(left[x], right[x], share)
+                    value = between(left[x], right[x], share) - lowered
                     taken = value > top[x]
                     top[x] = value if taken else top[x]
                     seen[x] = here if taken else seen[x]
@@ -114,20 +118,27 @@ def scan(near, slope, first, size, fall, smooth, height, place):
                     tilted = value + tilt * here
                     top[x] = value if value > top[x] else top[x]
                     seen[x] = tilted if tilted > seen[x] else seen[x]
+        if tilt == ZERO:
+            for x in range(lines):
+                if height[n, x] > -np.inf:
+                    height[n, x] += np.float32(bias * place[n, x])
 
 
 @parallel_kernel
-def merge(height, place, start, stop, base, both):
+def merge(height, place, start, stop, base, bias, both):
     """Fill a level of the pyramid, rows from `base` on, from level `start` to `stop`.
 
     `both`: `place` is a maximum of its own; else it goes with `height`.
     """
     count = (stop - start + 1) // 2
+    slant = np.float32(bias)
     for n in prange(count):
         a = start + 2 * n
         b = a + 1 if a + 1 < stop else a
         for x in range(height.shape[1]):
-            taken = height[b, x] > height[a, x]
+            taken = height[b, x] - slant * place[b, x] > height[a, x] - slant * place[a, x]
+            if place[a, x] == -np.inf or place[b, x] == -np.inf:
+                taken = height[b, x] > height[a, x]
             height[base + n, x] = height[b, x] if taken else height[a, x]
             if both:
                 taken = place[b, x] > place[a, x]

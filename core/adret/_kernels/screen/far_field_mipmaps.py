@@ -77,9 +77,7 @@ def sample(mipmaps, level, row, column):
 
 
 @kernel
-def mipmap_points(
-    w, mipmaps, shape, row, sign, before, way, slope, wedge, first, step, count
-):
+def mipmap_points(w, mipmaps, shape, row, sign, before, way, slope, wedge, first, step, count):
     """Trilinear samples `way` rows away, at the image's edge where that lies between.
 
     The level is the one whose texels are as wide as a sector of angle `wedge` there.

@@ -6,12 +6,12 @@ from adret._kernels.jit import greater, inline, kernel
 from adret._kernels.screen.far_field_block import (
     ASIDE,
     FROM,
-    RISE,
     HEIGHT,
     LANES,
     NEAR,
     ONE,
     PLACE,
+    RISE,
     SEEN,
     SHARE,
     TOP,

@@ -13,8 +13,6 @@ import numpy as np
 
 from adret._kernels.jit import greater, index, inline, kernel
 from adret._kernels.screen.far_field_block import (
-    A,
-    B,
     CLOSED,
     COSINE,
     FROM,
@@ -34,8 +32,10 @@ from adret._kernels.screen.far_field_block import (
     TWO,
     X0,
     X1,
-    Y,
     ZERO,
+    A,
+    B,
+    Y,
     below,
 )
 

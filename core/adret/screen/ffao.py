@@ -284,8 +284,8 @@ class _Work:
         else:
             inside = (slice(row0, row1), slice(column0, column1))
             with np.errstate(divide="ignore", invalid="ignore"):
-                occlusion = closed[inside] / whole[inside]
-                confidence = 1.0 - unknown[inside] / whole[inside]
+                occlusion = np.asarray(closed[inside] / whole[inside], dtype=np.float32)
+                confidence = np.asarray(1.0 - unknown[inside] / whole[inside], dtype=np.float32)
         return np.clip(occlusion, 0.0, 1.0), np.clip(confidence, 0.0, 1.0)
 
 

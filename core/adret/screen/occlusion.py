@@ -33,6 +33,7 @@ METHODS: dict[str, str] = {
     "hbao": "adret.screen.hbao",
     "ffao": "adret.screen.ffao",
     "lightfield": "adret.screen.lightfield",
+    "lsao": "adret.screen.lsao",
     "vao": "adret.screen.vao",
     "raytraced": "adret.screen.raytraced",
 }

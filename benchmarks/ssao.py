@@ -14,6 +14,7 @@ import json
 import os
 import time
 import warnings
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from ssao_references import References, embree, figures  # noqa: E402
 from ssao_runs import Run, runs_of, scaling_runs, speed_runs  # noqa: E402
 from ssao_scenes import CREDITS, REAL, STRATA, Case, made, made_case, real_case  # noqa: E402
 
-from adret import InputError, ambient_occlusion  # noqa: E402
+from adret import DepthBuffer, InputError, ambient_occlusion  # noqa: E402
 from adret.screen import DepthPrecisionWarning  # noqa: E402
 
 RESULTS = Path(__file__).resolve().parent / "results"
@@ -58,6 +59,19 @@ def timed(case: Any, method: str, options: Entry, repeats: int = 1) -> tuple[Any
     }
 
 
+@cache
+def small(perspective: bool) -> DepthBuffer:
+    """A small buffer of a projection, for runs that compile."""
+    return made("perspective" if perspective else "orthographic", 96, 64, count=4)
+
+
+def warm(case: Case, run: Run) -> None:
+    """Compile what a run needs."""
+    ambient_occlusion(
+        small(case.buffer.camera.perspective_divide), method=run.method, **run.options
+    )
+
+
 def split(case: Case, off: NDArray[np.float64], judged: NDArray[np.bool_] | None = None) -> Entry:
     """Error figures of the sampled pixels, all and in each stratum; or of those that are judged."""
     stratum = case.strata[case.sample]
@@ -79,6 +93,7 @@ def ledger_row(case: Case, run: Run, references: References, limits: dict[str, A
         "samples": run.samples,
     }
     try:
+        warm(case, run)
         result, spent = timed(case.buffer, run.method, run.options)
     except InputError as error:  # an option that this version's method does not have
         return {**entry, "left_out": str(error)}

@@ -3,26 +3,27 @@
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Literal, Required, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from adret._kernels import horizon_integrals
-from adret._kernels import visibility as kernels
+from adret._kernels import sight_rays as kernels
 from adret.horizon import HorizonOptions, Progress
 from adret.layer_sum import LayerSum
 from adret.methods import MAX_AZIMUTH_ERROR
 from adret.normals import surface_slopes
 from adret.report import RunReport, remember
-from adret.sight_frames import SightFrame
+from adret.sight_frames import SightFrame, Work
+from adret.sight_rays import SightMethod
 from adret.slices import sine_cosine
 from adret.sweep import Direction, Orientation
 from adret.terrain import Terrain
 
-__all__ = ["Reduction", "SightMethod", "SightRun"]
+__all__ = ["Reduction", "SightReport", "SightRun"]
 
-SightMethod = Literal["tree", "march"]
 Reduction = Literal[
     "visible_count",
     "visible_area",
@@ -43,6 +44,30 @@ _QUANTITY = {
 }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SightReport(RunReport):
+    """Work done and work skipped by a run of lines of sight.
+
+    Attributes
+    ----------
+    receivers : int
+        Cells that walked their own ray, once an azimuth.
+    samples_tested, samples_skipped : int
+        Samples on own rays that were looked at, and those passed over because nothing near them is
+        high enough to be seen; receivers walk in groups, and each counts.
+    tree_checks : int
+        Convexity checks made by the tree.
+    tree_repairs_skipped : int
+        Samples that took the place of the tree's root without a repair: in its safe zone.
+    """
+
+    receivers: int
+    samples_tested: int
+    samples_skipped: int
+    tree_checks: int
+    tree_repairs_skipped: int
+
+
 class _Fill(TypedDict, total=False):
     """What `SightFrame.fill` can be told to fill."""
 
@@ -60,8 +85,8 @@ class SightRun:
     terrain : Terrain
     azimuths : ndarray, shape (K,), float64
     options : HorizonOptions
-        Range, curvature and observer.
-    method : {"tree", "march"}
+        Near field, range, curvature and observer.
+    method : {"rays", "tree", "march"}
     progress : callable, optional
     """
 
@@ -77,7 +102,7 @@ class SightRun:
         self.azimuths = azimuths
         self.options = options
         self.method = method
-        self.work: NDArray[np.int64] = np.zeros((kernels.CHUNKS, 2), np.int64)
+        self.work = Work()
         self._progress = progress
         self._bands = terrain.latitude_bands(MAX_AZIMUTH_ERROR)
         self._start = time.perf_counter()
@@ -112,13 +137,8 @@ class SightRun:
         for done, k in enumerate(self._order):
             for band, direction in self._directions(k):
                 frame = self._frame(direction.orientation, None)
-                frame.add_slopes(
-                    direction,
-                    self.options,
-                    tree=self.method == "tree",
-                    band=band,
-                    work=self.work,
-                )
+                sight = frame.sight(direction, self.options, self.method)
+                frame.add_slopes(sight, band=band, work=self.work)
                 start, stop = band
                 slope[start:stop] = frame.in_raster(frame.layer)[start:stop]
                 frame.layer[:] = 0.0
@@ -132,7 +152,7 @@ class SightRun:
         mean /= np.sqrt(1.0 + to_east * to_east + to_north * to_north)
         return self._finished(np.maximum(mean, 0.0))
 
-    def lists(self) -> tuple[NDArray[np.int64], NDArray[np.int32], RunReport]:
+    def lists(self) -> tuple[NDArray[np.int64], NDArray[np.int32], SightReport]:
         """All local horizons, counted first, then listed: offsets and steps of the lists."""
         cells = self.terrain.mask.size
         counts = np.zeros((len(self.azimuths), *self.terrain.shape), np.int32)
@@ -183,14 +203,8 @@ class SightRun:
         band: tuple[int, int],
         **what: Unpack[_Fill],
     ) -> None:
-        frame.fill(
-            direction,
-            self.options,
-            tree=self.method == "tree",
-            band=band,
-            work=self.work,
-            **what,
-        )
+        sight = frame.sight(direction, self.options, self.method)
+        frame.fill(sight, band=band, work=self.work, **what)
 
     def _scale(self, reduce: Reduction, direction: Direction) -> float:
         """From steps to the unit of a reduction, for one azimuth."""
@@ -209,16 +223,22 @@ class SightRun:
         self._report()
         return layer
 
-    def _report(self) -> RunReport:
-        return remember(
-            RunReport(
-                method=self.method,
-                near=0,
-                azimuths_swept=len(self.azimuths),
-                azimuths_skipped=0,
-                cells=self.terrain.mask.size,
-                cells_skipped=int(self.terrain.mask.sum()),
-                bands=len(self._bands),
-                seconds=time.perf_counter() - self._start,
-            )
+    def _report(self) -> SightReport:
+        checks, _, taken = self.work.lines.sum(axis=0).tolist()
+        report = SightReport(
+            method=self.method,
+            near=self.options.near,
+            azimuths_swept=len(self.azimuths),
+            azimuths_skipped=0,
+            cells=self.terrain.mask.size,
+            cells_skipped=int(self.terrain.mask.sum()),
+            bands=len(self._bands),
+            seconds=time.perf_counter() - self._start,
+            receivers=self.work.receivers,
+            samples_tested=self.work.samples_tested,
+            samples_skipped=self.work.samples_passed,
+            tree_checks=checks,
+            tree_repairs_skipped=taken,
         )
+        remember(report)
+        return report

@@ -1,7 +1,8 @@
 """Intervisibility: which cells see which, for all cells of a terrain at once."""
 
-from dataclasses import dataclass
-from typing import get_args, overload
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any, NamedTuple, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,15 +11,32 @@ from adret.azimuths import azimuth_set
 from adret.errors import InputError
 from adret.horizon import HorizonOptions, Progress
 from adret.methods import MAX_AZIMUTH_ERROR
-from adret.report import RunReport
 from adret.sight_frames import SightFrame
-from adret.sight_sweep import Reduction, SightMethod, SightRun
+from adret.sight_rays import NEAR, Sight, SightMethod
+from adret.sight_sweep import Reduction, SightReport, SightRun
 from adret.sweep import Direction
 from adret.terrain import Terrain
 
-__all__ = ["Intervisibility", "intervisibility"]
+__all__ = ["CompressedRows", "Intervisibility", "intervisibility"]
 
 Layer = NDArray[np.float32]
+
+
+class CompressedRows(NamedTuple):
+    """A sparse matrix in compressed rows, as ``scipy.sparse.csr_array`` takes it.
+
+    Attributes
+    ----------
+    data : ndarray, float32
+    indices : ndarray, int64
+        Column of each entry.
+    indptr : ndarray, shape (rows + 1,), int64
+        Entries of row i are ``indptr[i]`` to ``indptr[i + 1]``.
+    """
+
+    data: NDArray[np.float32]
+    indices: NDArray[np.int64]
+    indptr: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,8 +44,8 @@ class Intervisibility:
     """Local horizons of every cell towards K azimuths, as ragged lists.
 
     A local horizon is the far end of a run of visible samples: a sample that is seen, behind which
-    the next one is not (or has no data). From one local horizon inwards, samples are seen as long
-    as they lie on or above the line of sight to the next nearer one.
+    the next one is not (or has no data). All that a cell sees lies on or above the line of sight to
+    its next nearer local horizon; `visible` lists it.
 
     Attributes
     ----------
@@ -40,7 +58,8 @@ class Intervisibility:
         Azimuths [radians clockwise from north].
     terrain : Terrain
     options : HorizonOptions
-    report : RunReport
+    method : str
+    report : SightReport
     """
 
     offsets: NDArray[np.int64]
@@ -48,7 +67,9 @@ class Intervisibility:
     azimuth: NDArray[np.float64]
     terrain: Terrain
     options: HorizonOptions
-    report: RunReport
+    method: SightMethod
+    report: SightReport
+    _latest: list[SightFrame] = field(default_factory=list, init=False, repr=False)
 
     def of(self, row: int, column: int, k: int) -> NDArray[np.int32]:
         """Distances of one cell's local horizons towards azimuth k, near to far [steps].
@@ -85,7 +106,7 @@ class Intervisibility:
         self._place(row, 0, k)
         return self._direction(row, k).step
 
-    def cells(self, k: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def cells(self, k: int) -> CompressedRows:
         """Local horizons towards azimuth k as cells, in compressed rows.
 
         Parameters
@@ -94,16 +115,24 @@ class Intervisibility:
 
         Returns
         -------
-        offsets : ndarray, shape (rows · columns + 1,), int64
-        cells : ndarray, shape (offsets[-1],), int64
-            Flat numbers (row · columns + column) of the cells that hold the samples, near to far.
-            ``scipy.sparse.csr_array((ones, cells, offsets))`` is the matrix of who has whom as a
-            local horizon.
+        CompressedRows
+            Row and column number are row · columns + column of a receiver and of a cell that is
+            nearest to one of its local horizons; entries are distances [m], near to far.
+            ``scipy.sparse.csr_array(rows, shape=(cells, cells))`` is the matrix.
 
         Raises
         ------
         InputError
             If there is no such azimuth.
+
+        Examples
+        --------
+        >>> import numpy as np, adret
+        >>> terrain = adret.Terrain(np.array([[0.0, 2.0, 0.0, 9.0]]), cell_size=(10.0, 10.0))
+        >>> east = adret.intervisibility(terrain, azimuths=[np.pi / 2])
+        >>> east.cells(0)
+        CompressedRows(data=array([10., 30., 20., 10.], dtype=float32), \
+indices=array([1, 3, 3, 3]), indptr=array([0, 2, 3, 4, 4]))
         """
         rows, columns = self.terrain.shape
         i = self._place(0, 0, k)
@@ -111,14 +140,38 @@ class Intervisibility:
         steps = self.steps[offsets[0] : offsets[-1]]
         receiver = np.repeat(np.arange(rows * columns), np.diff(offsets))
         cells = np.empty(steps.size, np.int64)
+        distance = np.empty(steps.size, np.float32)
         for band in self.terrain.latitude_bands(MAX_AZIMUTH_ERROR):
             some = slice(
                 offsets[band.start * columns] - offsets[0],
                 offsets[band.stop * columns] - offsets[0],
             )
-            frame, direction = self._frame(band.start, k)
-            cells[some] = frame.cells_at(direction, receiver[some], steps[some])
-        return offsets - offsets[0], cells
+            frame, sight = self._frame(band.start, k)
+            cells[some] = frame.cells_at(sight, receiver[some], steps[some])
+            distance[some] = steps[some] * sight.direction.step
+        return CompressedRows(distance, cells, offsets - offsets[0])
+
+    def to_awkward(self) -> Any:
+        """The lists as an array of Awkward Array, which must be installed.
+
+        Returns
+        -------
+        awkward.Array, type K * rows * columns * var * int32
+            A view of `steps`.
+
+        Raises
+        ------
+        ImportError
+            If there is no package ``awkward``.
+        """
+        awkward: Any = import_module("awkward")
+        rows, columns = self.terrain.shape
+        lists = awkward.contents.ListOffsetArray(
+            awkward.index.Index64(self.offsets), awkward.contents.NumpyArray(self.steps)
+        )
+        for size in (columns, rows):
+            lists = awkward.contents.RegularArray(lists, size)
+        return awkward.Array(lists)
 
     def visible(self, row: int, column: int, k: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Cells that one cell sees towards azimuth k, near to far.
@@ -137,22 +190,22 @@ class Intervisibility:
             If there is no such cell or azimuth.
         """
         ends = self.of(row, column, k)
-        frame, direction = self._frame(row, k)
+        frame, sight = self._frame(row, k)
         receiver = row * self.terrain.shape[1] + column
-        steps = frame.visible_steps(direction, self.options, receiver, ends)
-        cells = frame.cells_at(direction, np.full(steps.size, receiver), steps)
+        steps = frame.visible_steps(sight, receiver, ends)
+        cells = frame.cells_at(sight, np.full(steps.size, receiver), steps)
         seen_rows, seen_columns = np.divmod(cells, self.terrain.shape[1])
         return seen_rows, seen_columns
 
     def _place(self, row: int, column: int, k: int) -> int:
         rows, columns = self.terrain.shape
-        for field, value, size in (
+        for name, value, size in (
             ("k", k, self.azimuth.size),
             ("row", row, rows),
             ("column", column, columns),
         ):
             if not 0 <= value < size:
-                raise InputError(field, f"between 0 and {size - 1}", value)
+                raise InputError(name, f"between 0 and {size - 1}", value)
         return (k * rows + row) * columns + column
 
     def _direction(self, row: int, k: int) -> Direction:
@@ -160,9 +213,12 @@ class Intervisibility:
         band = next(b for b in bands if b.start <= row < b.stop)
         return Direction.of(float(self.azimuth[k]), band.cell_size)
 
-    def _frame(self, row: int, k: int) -> tuple[SightFrame, Direction]:
+    def _frame(self, row: int, k: int) -> tuple[SightFrame, Sight]:
         direction = self._direction(row, k)
-        return SightFrame(self.terrain, direction.orientation), direction
+        if not self._latest or self._latest[0].orientation != direction.orientation:
+            self._latest[:] = [SightFrame(self.terrain, direction.orientation)]
+        frame = self._latest[0]
+        return frame, frame.sight(direction, self.options, self.method)
 
 
 @overload
@@ -171,7 +227,8 @@ def intervisibility(
     directions: int = 32,
     *,
     azimuths: ArrayLike | None = None,
-    method: SightMethod = "tree",
+    method: SightMethod = "rays",
+    near: int | None = None,
     reduce: None = None,
     max_distance: float | None = None,
     radius: float | None = None,
@@ -187,7 +244,8 @@ def intervisibility(
     directions: int = 32,
     *,
     azimuths: ArrayLike | None = None,
-    method: SightMethod = "tree",
+    method: SightMethod = "rays",
+    near: int | None = None,
     reduce: Reduction,
     max_distance: float | None = None,
     radius: float | None = None,
@@ -202,7 +260,8 @@ def intervisibility(
     directions: int = 32,
     *,
     azimuths: ArrayLike | None = None,
-    method: SightMethod = "tree",
+    method: SightMethod = "rays",
+    near: int | None = None,
     reduce: Reduction | None = None,
     max_distance: float | None = None,
     radius: float | None = None,
@@ -219,9 +278,16 @@ def intervisibility(
         Number K of equally spaced azimuths, the first one north.
     azimuths : array_like, shape (K,), optional
         Azimuths [radians clockwise from grid north] instead.
-    method : {"tree", "march"}
-        "tree": the convex-hull tree of paper P2, in time linear in the local horizons. "march":
-        the naive walk from every sample to its line's end. Both give the same result, exactly.
+    method : {"rays", "tree", "march"}
+        "rays": every cell's own ray to its end; neighbours walk together, and pass over what is
+        too low to be seen. "tree": own rays up to `near`, and beyond it the convex-hull tree of
+        paper P2 on swept lines, in time linear in the local horizons. "march": as "tree", but by
+        the naive walk from every sample to its line's end; the result is the same, exactly.
+    near : int, optional
+        Steps [cells along the larger axis component], 0 to 4096, up to which every crossing of the
+        own ray with the grid hides; more is slower and more accurate. None: 4096 for "rays", which
+        makes it exact, and 32 otherwise. Beyond, "rays" looks at the crossings with the grid
+        lines across the larger component. "tree" with 0 is the paper's structure.
     reduce : str, optional
         None returns all local horizons; mind the memory, some 4 to 40 bytes a cell and azimuth.
         Otherwise a layer, made on the way without storing them:
@@ -233,7 +299,7 @@ def intervisibility(
         - "max_sight_distance": the largest of them [m]
         - "horizon_count": local horizons, in all azimuths together [-]
         - "sky_view": share of the hemisphere over the cell's own plane, weighted by the cosine,
-          that is sky above the horizontal [-]
+          that is sky above the horizontal [-]: ``sky_view_factor(kind="normal")``
         - "terrain_view": 1 less "sky_view" [-]
 
     max_distance : float, optional
@@ -250,7 +316,7 @@ def intervisibility(
     Returns
     -------
     Intervisibility or ndarray, shape (rows, columns), float32
-        Layers are NaN at nodata cells; their lists are empty.
+        Layers are NaN at nodata cells; their lists are empty. `last_run_report` is a `SightReport`.
 
     Raises
     ------
@@ -259,21 +325,18 @@ def intervisibility(
 
     Notes
     -----
-    Lines run along the azimuth, one cell apart along the minor axis, with one sample a cell of the
-    major axis, interpolated between two cells. A cell receives and is seen as the one sample that
-    is nearest to it in its own row (or column): no more than half a cell aside along the minor
-    axis. Along the axes and the diagonals of cells the samples are the cells. Each sample that
-    counts stands for its cell, so that results have no cell twice and none left out.
+    Samples are the crossings of a ray with the grid lines across its larger component: one a step.
+    A sample is seen if no crossing before it is above the line of sight to it; one on it does not
+    hide. Between cells the surface is the straight line between them. On own rays slopes are in
+    float32, and a sample counts as on the line if it lies below it by less than heights and slopes
+    in float32 are off by. A crossing that touches nodata is neither seen nor hides.
 
-    On its line a result is exact: a sample is seen if no nearer one lies above the line of sight to
-    it, one on it does not hide; heights are rounded to 2⁻²⁴ of a cell (or, where the relief is
-    above some 16 000 cells, to 2⁻³⁷ of it), and compared without rounding. Between samples the
-    surface is the straight line between them. Off the axes and diagonals the line's samples differ
-    from the cells' own rays by up to half a cell aside; horizons where this matters are those of
-    `adret.horizon_map`.
-
-    A sample has no data where its cell has none: then it neither sees nor hides nor is seen. Beside
-    a cell without data, and at the raster's edge, a sample has its own cell's height.
+    Swept lines run along the azimuth, one cell apart along the minor axis, with one sample a step.
+    A cell receives and is seen as the sample nearest to it in its own row (or column): no more than
+    half a cell aside. With a near field, it receives at its own height. On the line the result is
+    exact: heights are rounded to 2⁻²⁴ of a cell (or, where the relief is above some 16 000 cells,
+    to 2⁻³⁷ of it) and compared without rounding. A sample on a line has no data where its cell has
+    none; beside one, and at the raster's edge, it has its own cell's height.
 
     References
     ----------
@@ -293,11 +356,14 @@ def intervisibility(
     >>> adret.intervisibility(terrain, azimuths=[np.pi / 2], reduce="visible_count")
     array([[1., 5., 3., 2., 2., 1., 0.]], dtype=float32)
     """
+    if not isinstance(terrain, Terrain):
+        raise InputError("terrain", "a Terrain", type(terrain).__name__)
     if method not in get_args(SightMethod):
         raise InputError("method", f"one of {', '.join(get_args(SightMethod))}", method)
     if reduce is not None and reduce not in get_args(Reduction):
         raise InputError("reduce", f"None or one of {', '.join(get_args(Reduction))}", reduce)
     options = HorizonOptions(
+        near=NEAR[method] if near is None else near,
         max_distance=max_distance,
         radius=radius,
         refraction=refraction,
@@ -307,7 +373,7 @@ def intervisibility(
     run = SightRun(terrain, azimuth, options, method, progress)
     if reduce is None:
         offsets, steps, report = run.lists()
-        return Intervisibility(offsets, steps, azimuth, terrain, options, report)
+        return Intervisibility(offsets, steps, azimuth, terrain, options, method, report)
     if reduce in ("sky_view", "terrain_view"):
         sky = run.sky_view()
         return sky if reduce == "sky_view" else np.float32(1.0) - sky

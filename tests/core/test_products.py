@@ -229,7 +229,7 @@ def test_visibility_files_are_the_reductions(
         max_distance=150.0,
     )
     np.testing.assert_array_equal(values[0], want)
-    assert (facts["unit"], facts["ADRET_METHOD"], facts["ADRET_DIRECTIONS"]) == (unit, "tree", "8")
+    assert (facts["unit"], facts["ADRET_METHOD"], facts["ADRET_DIRECTIONS"]) == (unit, "rays", "8")
     assert facts["ADRET_OBSERVER_HEIGHT"] == "1.6 m"
 
 

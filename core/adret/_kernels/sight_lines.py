@@ -10,7 +10,8 @@ and so are ties.
 
 import numpy as np
 
-from adret._kernels.jit import index, kernel
+from adret._kernels.jit import index, kernel, strict_kernel
+from adret._kernels.sight_rays import LEEWAY
 
 STRIP = 32  # lines sampled together: contiguous in the frame's rows, and 256 kB at 1024 samples
 
@@ -41,7 +42,7 @@ def strip_rows(cell, first, stop, width):
     return begin, end
 
 
-@kernel
+@strict_kernel
 def sample_strip(z, left, weight, cell, first, begin, end, bend, quanta, heights):
     """Fill `heights` (line, 1 + row - begin) [quanta]; NaN where there is no sample.
 
@@ -101,3 +102,35 @@ def place_lists(cell, first, begin, end, rows, columns, offsets, start):
         hi = max(lo, min(lines, columns[1] - column))
         for line in range(lo, hi):
             start[line, 1 + i - begin] = offsets[i, column + line]
+
+
+@strict_kernel
+def take_near_field(
+    cell, first, begin, end, rows, columns, bend, quanta, eye, rise, z, best, value, open_run,
+    eyes, wall, values, open_runs,
+):  # fmt: skip
+    """Fill eyes, walls, values and open runs (line, 1 + row - begin) from those of the cells.
+
+    An eye is at its own cell's height [quanta], NaN for no receiver. A wall is the slope `best`,
+    less what it may be off by, in whole quanta a step; `rise` is quanta a step for a slope of 1.
+    """
+    lines = eyes.shape[0]
+    eyes[:] = np.nan
+    wall[:] = -np.inf
+    open_runs[:] = False
+    for i in range(max(begin, rows[0]), end):
+        away = i - 0.5 * z.shape[0]
+        # On the bent line a slope is that much steeper at this place.
+        tilt = 2.0 * bend * quanta * away
+        column = first + cell[i]
+        lo = min(lines, max(0, columns[0] - column))
+        hi = max(lo, min(lines, columns[1] - column))
+        p = 1 + i - begin
+        for line in range(lo, hi):
+            x = column + line
+            height = np.float64(z[i, x + 1]) - bend * away * away
+            eyes[line, p] = np.rint(height * quanta) + eye
+            top = np.float64(best[i, x])
+            wall[line, p] = np.rint((top - abs(top) * LEEWAY) * rise + tilt)
+            values[line, p] = value[i, x]
+            open_runs[line, p] = open_run[i, x]

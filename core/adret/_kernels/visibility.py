@@ -1,6 +1,9 @@
 """Visibility along all lines of an azimuth, by the convex-hull tree or by the naive walk."""
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from adret._kernels.hull_tree import list_by_tree
 from adret._kernels.jit import kernel, parallel_kernel, prange
@@ -12,40 +15,65 @@ from adret._kernels.sight_lines import (
     sample_strip,
     strip_count,
     strip_rows,
+    take_near_field,
 )
+from adret._kernels.sight_rays import LISTS, MOMENT, SEEN, SLOPE, WAY
 from adret._kernels.sight_runs import (
     BLOCK,
     copy_lists,
     count_horizons,
     cut_at_reach,
+    cut_at_wall,
     farthest,
     sum_runs,
 )
 from adret._kernels.visible_walk import count_by_walk, list_by_walk
 
-HORIZONS = 0
-SEEN = 1
-MOMENT = 2
-WAY = 3
-SLOPE = 4
-LISTS = 5
 CHUNKS = 32  # strips are dealt out to so many tasks, each with one set of buffers
+COUNTERS = 3  # of each: convexity checks, children of all roots, roots that took the place of one
+
+
+class Lines(NamedTuple):
+    """Where lines pass each row (see `sight_lines`), and in which units."""
+
+    left: NDArray[np.int64]  # (n,)
+    weight: NDArray[np.float64]  # (n,)
+    cell: NDArray[np.int64]  # (n,)
+    bend: float  # drop by curvature a step squared [m]
+    quanta: float  # a metre
+    eye: float  # height of the eye [quanta]
+    reach: float  # range [steps]
+
+
+class NearField(NamedTuple):
+    """What is known of the steps before `gap`; all empty, and gap 0, where there is no near field.
+
+    See `adret._kernels.sight_rays.see_along_rays`.
+    """
+
+    gap: int
+    rise: float  # quanta a step for a slope of 1
+    best: NDArray[np.float32]  # (n, m)
+    value: NDArray[np.float32]  # (n, m)
+    open_run: NDArray[np.bool_]  # (n, m)
 
 
 @kernel
-def _reduce(quantity, place, end, eye, h, s, found, bounds, value, start, lists):
+def _reduce(
+    quantity, place, end, gap, eye, eyes, wall, open_run, h, s, found, bounds, value, start, lists
+):
     if quantity == SEEN:
-        sum_runs(place, end, eye, False, h, s, found, bounds, value)
+        sum_runs(place, end, gap, eye, eyes, wall, False, h, s, found, bounds, value)
     elif quantity == MOMENT:
-        sum_runs(place, end, eye, True, h, s, found, bounds, value)
+        sum_runs(place, end, gap, eye, eyes, wall, True, h, s, found, bounds, value)
     elif quantity == WAY:
-        farthest(place, end, eye, False, h, s, found, bounds, value)
+        farthest(place, end, gap, eye, eyes, False, h, s, found, bounds, value)
     elif quantity == SLOPE:
-        farthest(place, end, eye, True, h, s, found, bounds, value)
+        farthest(place, end, gap, eye, eyes, True, h, s, found, bounds, value)
     elif quantity == LISTS:
-        copy_lists(place, end, found, bounds, start, lists)
+        copy_lists(place, end, gap, eyes, wall, open_run, h, found, bounds, start, lists)
     else:
-        count_horizons(place, end, bounds, value)
+        count_horizons(place, end, gap, eyes, wall, open_run, h, bounds, value)
 
 
 @kernel
@@ -60,9 +88,8 @@ def _stride(samples):
 
 @parallel_kernel
 def sight_layer(
-    tree, quantity, z, left, weight, cell, bend, quanta, eye, reach, rows, columns, scale, out,
-    offsets, lists, work,
-):  # fmt: skip
+    tree, quantity, z, lines, near_field, rows, columns, scale, out, offsets, lists, work
+):
     """Add scale·quantity of every cell to `out`, or write its local horizons to `lists`.
 
     Parameters
@@ -73,27 +100,30 @@ def sight_layer(
         HORIZONS: number of local horizons; SEEN: of samples seen; MOMENT: sum of their distances
         [steps]; WAY: to the farthest one [steps]; SLOPE: of the line of sight to it [quanta a
         step], -inf without one; LISTS: distances of the local horizons, near to far [steps].
+        Those of the near field are counted in.
     z : (n, m + 2) float32
         Heights in the sweep frame, a column of NaN on either side.
-    left, weight, cell : (n,) int64, float64, int64
-        Where lines pass each row: see `sight_lines`.
-    bend, quanta, eye, reach : float
-        Curvature's drop a step squared [m], quanta a metre, height of the eye [quanta], range
-        [steps].
+    lines, near_field
+        `Lines`, `NearField`.
     rows, columns : (2,) int64
         Receivers to serve, start and stop.
     out : (n, m) float32
     offsets, lists : (n, m) int64, (total,) int32
-        Where each cell's list starts; empty unless LISTS.
-    work : (CHUNKS, 2) int64
-        Raised by the convexity checks, and by the children of all roots.
+        Where each cell's list starts, or goes on; empty unless LISTS.
+    work : (CHUNKS, COUNTERS) int64
+        Raised by the work of the tree.
     """
+    left, weight, cell, bend, quanta, eye, reach = lines
+    gap = near_field.gap
     strips = strip_count(cell, rows, columns)
     for chunk in prange(CHUNKS):
         length = _stride(rows[1])
         heights = np.full((STRIP, length), np.nan)
         values = np.zeros((STRIP, length), np.float32)
         start = np.zeros((STRIP if quantity == LISTS else 1, length), np.int64)
+        eyes = np.empty((STRIP if gap > 0 else 1, length))
+        walls = np.empty((STRIP if gap > 0 else 1, length))
+        open_runs = np.zeros((STRIP if gap > 0 else 1, length), np.bool_)
         s = np.arange(length).astype(np.float64)
         child = np.empty(length, np.int32)
         sibling = np.empty(length, np.int32)
@@ -109,28 +139,46 @@ def sight_layer(
             first = first_line(cell, strip, rows, columns)
             begin, end = strip_rows(cell, first, rows[1], z.shape[1] - 2)
             sample_strip(z, left, weight, cell, first, begin, end, bend, quanta, heights)
+            values[:] = -np.inf if quantity == SLOPE else 0.0
+            if gap > 0:
+                take_near_field(
+                    cell, first, begin, end, rows, columns, bend, quanta, eye, near_field.rise,
+                    z, near_field.best, near_field.value, near_field.open_run, eyes, walls,
+                    values, open_runs,
+                )  # fmt: skip
+                if quantity == SLOPE:
+                    values[:] = walls
             if quantity == LISTS:
                 place_lists(cell, first, begin, end, rows, columns, offsets, start)
             count = end - begin
             for line in range(STRIP):
                 h = heights[line]
                 value = values[line]
-                if not tree and quantity == SEEN:
+                near = line if gap > 0 else 0
+                if not tree and quantity == SEEN and gap == 0:
                     count_by_walk(count, eye, reach, h, s, value)
                     continue
                 place = 1
                 while place <= count:
                     if tree:
                         after = list_by_tree(
-                            place, count, eye, h, s, child, sibling, leaf, kids,
+                            place, count, gap, eye, eyes[near], h, s, child, sibling, leaf, kids,
                             stack, later, state, zone, found, bounds, work[chunk],
                         )  # fmt: skip
                         if reach < count:
-                            cut_at_reach(place, after, eye, reach, h, s, found, bounds)
+                            cut_at_reach(
+                                place, after, gap, eye, eyes[near], reach, h, s, found, bounds
+                            )
+                        if gap > 0:
+                            cut_at_wall(place, after, eyes[near], walls[near], h, s, found, bounds)
                     else:
-                        after = list_by_walk(place, count, eye, reach, h, s, found, bounds)
+                        after = list_by_walk(
+                            place, count, gap, eye, eyes[near], walls[near], reach, h, s, found,
+                            bounds,
+                        )  # fmt: skip
                     _reduce(
-                        quantity, place, after, eye, h, s, found, bounds, value,
+                        quantity, place, after, gap, eye, eyes[near], walls[near],
+                        open_runs[near], h, s, found, bounds, value,
                         start[line if quantity == LISTS else 0], lists,
                     )  # fmt: skip
                     place = after

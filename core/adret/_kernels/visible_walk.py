@@ -10,25 +10,27 @@ from adret._kernels.jit import index, kernel
 
 
 @kernel
-def list_by_walk(place, count, eye, reach, h, s, found, bounds):
-    """List the local horizons of the samples from `place` on; as `hull_tree.list_by_tree`.
+def list_by_walk(place, count, gap, eye, eyes, wall, reach, h, s, found, bounds):
+    """List the local horizons of receivers from `place` on; as `hull_tree.list_by_tree`.
 
-    `reach` is the range [steps]: the walk ends there.
+    `reach` is the range [steps]: the walk ends there. `wall` is the slope [quanta a step] that it
+    starts with, if there is a gap.
     """
+    nearest = max(gap, 1)
     at = index(0)
     room = index(len(found) - count)
     n = index(place)
     while n <= count and at <= room:
         bounds[n] = at
-        if h[n] == h[n]:
-            e = h[n] + eye
+        e = eyes[n] if gap > 0 else h[n] + eye
+        if e == e:
             sn = s[n]
             steps = index(min(sn - s[1], reach))
-            best = -np.inf
+            best = wall[n] if gap > 0 else -np.inf
             away = 1.0
             seen = False
             begin = at
-            for back in range(1, steps + index(1)):
+            for back in range(nearest, steps + index(1)):
                 j = n - index(back)
                 hj = h[j] - e
                 dj = sn - s[j]
@@ -40,7 +42,7 @@ def list_by_walk(place, count, eye, reach, h, s, found, bounds):
                     found[at] = j + index(1)
                     at += index(1)
                     seen = False
-            if seen:
+            if seen and steps >= index(nearest):
                 found[at] = n - steps
                 at += index(1)
             # Far to near, as the tree has them.

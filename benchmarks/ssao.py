@@ -31,9 +31,11 @@ from ssao_scenes import CREDITS, REAL, STRATA, Case, made, made_case, real_case 
 
 from adret import DepthBuffer, InputError, ambient_occlusion  # noqa: E402
 from adret.screen import DepthPrecisionWarning  # noqa: E402
+from adret.screen.raytraced import RaySample  # noqa: E402
 
 RESULTS = Path(__file__).resolve().parent / "results"
 RAYS = 8192
+QUICK_RAYS = 4232
 PIXELS = 10_000
 EMBREE_RAYS = (4, 9, 16, 36, 64, 144, 256, 576)
 RADII_PIXELS = (8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, float("inf"))
@@ -72,15 +74,23 @@ def warm(case: Case, run: Run) -> None:
     )
 
 
-def split(case: Case, off: NDArray[np.float64], judged: NDArray[np.bool_] | None = None) -> Entry:
+def split(
+    case: Case,
+    found: NDArray[np.float64],
+    truth: RaySample | NDArray[np.float64],
+    judged: NDArray[np.bool_] | None = None,
+) -> Entry:
     """Error figures of the sampled pixels, all and in each stratum; or of those that are judged."""
     stratum = case.strata[case.sample]
-    chosen = np.ones(off.shape, dtype=bool) if judged is None else judged
-    found = {"all": figures(off[chosen])}
+    chosen = np.ones(found.shape, dtype=bool) if judged is None else judged
+    parts = {"all": chosen}
     for k, name in enumerate(STRATA):
         if (chosen & (stratum == k)).any():
-            found[name] = figures(off[chosen & (stratum == k)])
-    return found
+            parts[name] = chosen & (stratum == k)
+    if not isinstance(truth, RaySample):
+        return {name: figures((found - truth)[part]) for name, part in parts.items()}
+    off, halves = found - truth.occlusion, found - truth.halves
+    return {name: figures(off[part], halves[:, part]) for name, part in parts.items()}
 
 
 def ledger_row(case: Case, run: Run, references: References, limits: dict[str, Any]) -> Entry:
@@ -102,18 +112,18 @@ def ledger_row(case: Case, run: Run, references: References, limits: dict[str, A
     if run.truth is not None:
         truth = run.truth(references)
         judged = truth.confidence > 0.999 if run.volume else None
-        entry["own"] = split(case, found - truth.occlusion, judged)
+        entry["own"] = split(case, found, truth, judged)
         entry["reference_noise"] = truth.noise
         entry["reference_noise_mean"] = float(np.abs(truth.halves[0] - truth.halves[1]).mean() / 2)
     elif run.limit is not None:
         key = repr((run.method, sorted(run.limit.items())))
         if key not in limits:
             limits[key] = timed(case.buffer, run.method, run.limit)[0].occlusion[case.sample]
-        entry["own"] = split(case, found - limits[key])
+        entry["own"] = split(case, found, limits[key])
         entry["own_is_limit"] = True
         entry["limit_options"] = run.limit
     if run.ideal is not None:
-        entry["ideal"] = split(case, found - run.ideal(references).occlusion)
+        entry["ideal"] = split(case, found, run.ideal(references))
     return entry
 
 
@@ -176,9 +186,10 @@ def embree_rows(case: Case, references: References, quick: bool) -> list[Entry]:
     except ImportError as error:
         print(f"  Embree left out: {error}", flush=True)
         return []
-    truth = references.get("cosine").occlusion
+    truth = references.get("cosine")
     for row in found:
-        row |= figures(row.pop("occlusion") - truth)
+        occlusion = row.pop("occlusion")
+        row |= figures(occlusion - truth.occlusion, occlusion - truth.halves)
         print(
             f"  embree     {row['rays']:4d} rays {row['ns_a_ray']:18.0f} ns/ray "
             f"{row['cast_seconds_a_pixel'] * 1e9:9.0f} ns/px  e_A {row['e_A']:.4f}",
@@ -241,7 +252,7 @@ def main() -> None:
             made_case("perspective", 480, 270, 48, 2000),
             made_case("orthographic", 480, 270, 48, 2000),
         ]
-        results["ledger"] = ledger(cases, 4096, quick=True)
+        results["ledger"] = ledger(cases, QUICK_RAYS, quick=True)
         results["scaling"] = scaling(quick=True)
     if asked.full or asked.ledger:
         cases = [c for name in REAL if (c := real_case(name, PIXELS)) is not None]

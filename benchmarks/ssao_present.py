@@ -61,7 +61,9 @@ def table(results: Entry, stem: str) -> str:
         "in the interior, within 8 pixels of a depth edge, and within 32 of the frame's edge. "
         "G_inf: all behind the surface is solid; G_t: as far as a thickness. The surface is the "
         "bilinear one between pixel centres on both sides. Method, depth, camera and normals are "
-        "the same on both sides; the guard band occludes and is not judged.",
+        "the same on both sides; the guard band occludes and is not judged. RMSE is free of the "
+        "reference's noise (the mean product of the differences to its two independent halves); "
+        "the other figures contain it, so e_A is rather too large.",
     ]
     if "ledger" in results:
         lines += _summary(results["ledger"]) + _equal_error(results["ledger"])

@@ -16,7 +16,7 @@ class SsaoParameters(Parameters):
         option(
             "exact",
             "exact: whole slices, integrated; ffao, lsao: far field and line sweeps, whose work "
-            "does not grow with the radius; hbao, vao, crytek, lightfield: samples round every pixel; "
+            "does not grow with the radius; hbao, vao, crytek, lightfield: samples round a pixel; "
             "raytraced: the slow reference.",
         )
     )

@@ -176,9 +176,8 @@ def lattice(
     if direction.period and slant != 0.0:
         rows_apart = direction.period * max(1.0, round(rows_apart / direction.period))
     columns_apart = max(1.0, step * line_spacing / rows_apart)
-    rows = np.arange(math.ceil(height / rows_apart)) * rows_apart
-    rows = np.round(rows).astype(np.int64)
-    rows = rows[rows < height]
+    places = np.round(np.arange(math.ceil(height / rows_apart)) * rows_apart)
+    rows: Indices = places[places < height].astype(np.int64)
     if not direction.down:
         rows = rows[::-1].copy()
     along = rows * slant

@@ -37,11 +37,11 @@ class Options(FalloffOptions):
     falloff: Literal["none", "hard", "quadratic", "timonen"] = option(
         "timonen", "Weight of an occluder by its distance; in Python also a callable d -> W"
     )
-    directions: int = option(8, "Directions of the sweeps", minimum=2, maximum=512)
-    pattern: Literal["box", "even"] = option(
-        "box",
-        "Directions to the pixels on the border of a box (a multiple of 8), whose lines pass pixel "
-        "centres; or evenly spread (an even number), with depth interpolated between pixels",
+    directions: int = option(16, "Directions of the sweeps", minimum=2, maximum=512)
+    pattern: Literal["even", "box"] = option(
+        "even",
+        "Directions evenly spread (an even number), with depth interpolated between pixels; or to "
+        "the pixels on the border of a box (a multiple of 8), whose lines pass pixel centres",
     )
     step: float = option(
         1.0, "Distance of samples along a line", unit="pixels", minimum=1.0, maximum=64.0

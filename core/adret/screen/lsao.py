@@ -121,8 +121,8 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     as lines allow that pass pixel centres. A direction of the box that is neither along an axis nor
     a diagonal has its samples at least the box's half width apart.
 
-    Confidence: obscurance plus what could not be more, were the way beyond the image's edge
-    closed: 1 - (1 - obscurance) W(distance to the edge), in the mean over the directions.
+    Confidence is what no surface beyond the image's edge could change: 1 less the mean over the
+    directions of (1 - obscurance) W(distance to the edge, across the view ray).
 
     References
     ----------
@@ -179,6 +179,7 @@ class _Frame:
             row0, row1, column0, column1 = column0, column1, row0, row1
             self.depth = np.empty(field.depth.shape[::-1], dtype=np.float32)
             copy_oriented(field.depth, self.depth, True, False, False)
+            self.depth.setflags(write=False)  # as the image's: one compilation serves both
             self._of_row, self._of_column = self._of_column, self._of_row
         self.receivers = np.array([row0, row1, column0, column1])
         self.sums = np.zeros((3, row1 - row0, column1 - column0), dtype=np.float32)
@@ -270,7 +271,7 @@ def _formula(falloff: Falloff) -> tuple[tuple[float, ...], NDArray[np.float64]]:
         QUADRATIC: (square, -1.0, square, 0.0, square),
         TABLE: (falloff.scale, falloff.radius, 0.0, 0.0, 0.0),
     }
-    return formulas.get(falloff.code, (1.0, 0.0, 1.0, 0.0, square)), falloff.table
+    return formulas.get(falloff.code, (1.0, 0.0, 1.0, 0.0, square)), falloff.table.copy()
 
 
 def _stacked(arrays: list[NDArray[Any]]) -> NDArray[Any]:

@@ -161,28 +161,45 @@ def _weigh_anew(points, c, own, tops, falloff, table, value):
 
 
 @kernel
+def _blend(a, b, share, perspective):
+    """Depth on the straight line through two pixels, `share` of the way from a to b; above 0."""
+    mixed = a * b / (b + (a - b) * share) if perspective else a + (b - a) * share
+    return mixed if mixed > 0.0 else a
+
+
+@kernel
 def _sample(depth, shift, blend, starts, edge, perspective, columns, z):
     """Depths of a strip's lines on one row, and the columns that they are nearest to.
 
-    NaN outside the image, at sky and holes. Two pixels whose depths differ by more than `edge` are
-    not blended: the nearer one counts.
+    NaN outside the image, at sky and holes. Pixels whose depths differ by more than `edge` are not
+    blended: then the nearer one's surface is continued from its other neighbour, if that is of it.
     """
     last = len(depth) - 1
     for j in range(len(starts)):
-        left = starts[j] + shift
-        column = min(max(left, 0), last)
-        a = np.float64(depth[column])
-        inside = left == column
-        if blend > 0.0 and -1 <= left < last:
-            b = np.float64(depth[left + 1])
-            if inside and abs(a - b) <= (edge * a if perspective else edge):
-                a = a * b / (b + (a - b) * blend) if perspective else a + (b - a) * blend
-            elif blend >= 0.5:
-                a = b
-            inside |= blend >= 0.5
-            column = left + (blend >= 0.5)
+        near = starts[j] + shift
+        column = min(max(near, 0), last)
         columns[j] = column
-        z[j] = a if inside else np.nan
+        z[j] = depth[column] if near == column else np.nan
+    if blend == 0.0:
+        return
+    side = 1 if blend < 0.5 else -1
+    share = blend if blend < 0.5 else 1.0 - blend
+    for j in range(len(starts)):
+        near = starts[j] + shift + (blend >= 0.5)
+        column = min(max(near, 0), last)
+        columns[j] = column
+        if near != column:
+            z[j] = np.nan
+            continue
+        a = np.float64(depth[near])
+        limit = edge * a if perspective else edge
+        beyond = np.float64(depth[near + side]) if 0 <= near + side <= last else np.nan
+        behind = np.float64(depth[near - side]) if 0 <= near - side <= last else np.nan
+        if abs(a - beyond) <= limit:
+            a = _blend(a, beyond, share, perspective)
+        elif abs(a - behind) <= limit:
+            a = _blend(a, behind, -share, perspective)
+        z[j] = a
 
 
 @kernel

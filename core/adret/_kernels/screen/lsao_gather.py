@@ -121,9 +121,8 @@ def _add(found, at_edge, share, across, across_per_column, total, undecided, wei
         v = found[x]
         w = w if v == v else none
         v = v if v == v else none
-        above = one - (v if v > none else none)
         total[x] += w * v
-        undecided[x] += w * above * at_edge[x]
+        undecided[x] += w * (one - v) * at_edge[x]
         weights[x] += w
 
 
@@ -297,7 +296,8 @@ def _finish_tile(by_rows, by_columns, turned, y0, y1, x0, x1, occlusion, confide
             decided = one - (by_rows[1, y, x0 + x] + turned[1, y - y0, x]) / weights
             total = total if total > none else none
             occlusion[y, x0 + x] = total if total < one else one
-            confidence[y, x0 + x] = decided if weights > none else none
+            decided = decided if decided > none else none
+            confidence[y, x0 + x] = decided if decided < one else one
 
 
 @parallel_kernel

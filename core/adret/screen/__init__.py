@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from adret.screen.crytek import color_bleeding
     from adret.screen.depth import DepthBuffer, DepthPrecisionWarning
     from adret.screen.falloffs import make_falloff
+    from adret.screen.indirect import indirect_color
     from adret.screen.normals import view_normals
     from adret.screen.occlusion import METHODS, AOResult, ScreenReport, ambient_occlusion
     from adret.screen.positions import LookupMap, PositionsBuffer
@@ -28,6 +29,7 @@ _HOME = {
     "ScreenReport": "occlusion",
     "ambient_occlusion": "occlusion",
     "color_bleeding": "crytek",
+    "indirect_color": "indirect",
     "make_falloff": "falloffs",
     "view_normals": "normals",
 }
@@ -44,6 +46,7 @@ __all__ = [
     "ScreenReport",
     "ambient_occlusion",
     "color_bleeding",
+    "indirect_color",
     "make_falloff",
     "view_normals",
 ]

@@ -1,56 +1,42 @@
 """Occlusion by exact slices: our own method."""
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
 from adret._kernels.screen.exact import slices
+from adret._kernels.screen.shells import shell_slices
 from adret.screen.field import Field
 from adret.screen.occlusion import Estimate, Progress
-from adret.screen.options import FalloffOptions, option
-from adret.screen.slice_lines import SliceLines
+from adret.screen.options import option
+from adret.screen.slice_options import TOLERANCE, SliceOptions, band_edges
 
 __all__ = ["Options", "estimate"]
 
-BANDS = 16
-STRIDE = 1.0 / 32.0
-"""Intervals are closed after this share of the way to the radius, or of the falloff's scale."""
-TOLERANCE = 0.03
-"""Largest bend of the weights over an interval, times its sine, for Simpson's rule."""
+GROWTH = np.float32(1.0625)
+"""Way in the image at the end of an interval of directions, over that at its beginning."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(FalloffOptions):
+class Options(SliceOptions):
     """Options of exact slices."""
 
-    directions: int = option(
-        32, "Directions of the image round each pixel", minimum=1, maximum=4096
+    thickness: float = option(
+        math.inf,
+        "How far the solid reaches behind the surface, in depth",
+        unit="view units",
+        above=0.0,
+        maximum=math.inf,
     )
-    weight: Literal["cosine", "uniform"] = option("cosine", "Of directions in the hemisphere")
-    near: int = option(
-        16,
-        "Distance up to which every crossing with the pixel grid is looked at",
-        unit="pixels",
-        minimum=1,
-        maximum=65536,
-    )
-    growth: float = option(
-        1.0 / 32.0,
-        "Distance of samples further out, as a share of the way to them; 0 for every pixel",
+    tolerance: float = option(
+        TOLERANCE,
+        "Largest bend of the falloff over directions that are taken together, times their width "
+        "in radians; 0 takes sample by sample (for an infinite thickness)",
         minimum=0.0,
-        maximum=1.0,
+        maximum=10.0,
     )
-    tile: int = option(
-        1,
-        "Side of the square of pixels whose directions are turned against each other, for a "
-        "filter over that square",
-        unit="pixels",
-        minimum=1,
-        maximum=8,
-    )
-    seed: int = option(0, "Deals the turned directions to the square", minimum=0, maximum=2**31)
 
 
 def estimate(field: Field, options: Options, progress: Progress | None) -> Estimate:
@@ -92,28 +78,22 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     >>> foot.round(2)
     array([0.5 , 0.19, 0.  ], dtype=float32)
     """
-    lines = SliceLines.of(
-        field,
-        options.radius,
-        options.directions,
-        options.near,
-        options.growth,
-        tile=options.tile,
-        seed=options.seed,
-    )
-    weights = options.weights()
-    row0, _, column0, column1 = field.frame
+    lines = options.lines(field)
     shape = field.shape
     occlusion = np.empty(shape, dtype=np.float32)
     confidence = np.empty(shape, dtype=np.float32)
     bent = np.empty((3, *shape), dtype=np.float32)
     used = np.zeros((shape[0], 2), dtype=np.int64)
-    cosine = np.float32(options.weight == "cosine")
-    edges = np.linspace(0, shape[0], min(BANDS, shape[0]) + 1).astype(int).tolist()
+    whole = math.isinf(options.thickness)
+    kernel = slices if whole else shell_slices
+    cells = () if whole else lines.cells
+    last = np.float32(options.tolerance if whole else options.thickness)
+    row0, _, column0, column1 = field.frame
+    edges = band_edges(field)
     for done, (start, stop) in enumerate(pairwise(edges)):
         if progress is not None:
             progress(done, len(edges) - 1)
-        slices(
+        kernel(
             lines.near,
             lines.pad,
             field.depth.shape,
@@ -122,12 +102,11 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
             field.perspective,
             (row0 + start, row0 + stop, column0, column1),
             *lines.samples,
-            np.float32(STRIDE),
-            np.float32(0.0),
-            cosine,
-            np.float32(1.0) - cosine,
-            np.float32(TOLERANCE),
-            *weights.numbers,
+            *cells,
+            GROWTH,
+            *options.shares,
+            last,
+            *options.weights().numbers,
             occlusion[start:stop],
             confidence[start:stop],
             bent[:, start:stop],

@@ -20,12 +20,17 @@ Integers = NDArray[np.int64]
 
 
 class _Samples(NamedTuple):
-    """Samples of a line: shifts (row, column) of their two pixels, share of the second, way."""
+    """Samples of a line: shifts (row, column) of their two pixels, share of the second, way.
+
+    `cells` is the number of samples, from the second one on, that follow each other at successive
+    crossings with the grid.
+    """
 
     first: Integers
     second: Integers
     share: Floats
     way: Floats
+    cells: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,14 +40,18 @@ class SliceLines:
     Attributes
     ----------
     near : ndarray, shape (R, T, W), float32
+        Nearness, NaN at sky and holes, -inf outside: beside the border there is no nearer pixel.
     pad : (int, int)
     samples : tuple of ndarray
         o, p, q, lone, v, s, lines, along: see `adret._kernels.screen.exact.slices`.
+    cells : tuple of ndarray
+        corners, pieces, cuts: see `adret._kernels.screen.shells.shell_slices`.
     """
 
     near: NDArray[np.float32]
     pad: tuple[int, int]
     samples: tuple[NDArray[np.generic], ...]
+    cells: tuple[NDArray[np.generic], ...]
 
     @classmethod
     def of(
@@ -94,21 +103,63 @@ class SliceLines:
         s = np.concatenate([samples.way for _, samples, _ in parts])
         # As wide as a group is long: a group is then left out only where all of it lies outside.
         span = math.ceil((s[GROUP - 1 :: GROUP] - s[::GROUP]).max()) + 2
-        rows, columns = field.depth.shape
+        columns = field.depth.shape[1]
         pad = (span, -(-span // tile))
         width = -(-columns // tile) + 2 * pad[1]
-        laid = np.full((rows + 2 * span, width * tile), np.nan, dtype=np.float32)
         z = field.depth.astype(np.float64)
-        left = pad[1] * tile
-        laid[span : span + rows, left : left + columns] = 1.0 / z if field.perspective else -z
-        laid = laid.reshape(rows + 2 * span, width, tile).transpose(0, 2, 1)
-        o = np.concatenate([_offsets(column, each, tile, width) for column, each, _ in parts])
+        nearness = (1.0 / z if field.perspective else -z).astype(np.float32)
+        flat = _Flat(tile, width)
+        o = np.concatenate([flat.samples(column, each) for column, each, _ in parts])
         weights = np.concatenate([_weights(each, way) for _, each, way in parts], axis=1)
         return cls(
-            near=np.ascontiguousarray(laid),
+            near=_laid_out(nearness, pad, tile, width, -np.inf),
             pad=pad,
             samples=(o, *weights.astype(np.float32), s.astype(np.float32), lines, along),
+            cells=_joined([_cells(column, each, way, flat) for column, each, way in parts]),
         )
+
+    def laid_out(self, layers: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Layers of the image in the same order as `near`, each one flat, 0 around."""
+        _, tile, width = self.near.shape
+        laid = [_laid_out(each, self.pad, tile, width, 0.0) for each in layers]
+        return np.stack(laid).reshape(len(laid), -1)
+
+
+def _laid_out(
+    layer: NDArray[np.float32], pad: tuple[int, int], tile: int, width: int, outside: float
+) -> NDArray[np.float32]:
+    """A padded layer, columns in the order (c % tile, c // tile); (rows, tile, width)."""
+    rows, columns = layer.shape
+    padded = np.full((rows + 2 * pad[0], width * tile), outside, dtype=np.float32)
+    left = pad[1] * tile
+    padded[pad[0] : pad[0] + rows, left : left + columns] = layer
+    ordered = padded.reshape(len(padded), width, tile).transpose(0, 2, 1)
+    return np.ascontiguousarray(ordered)
+
+
+@dataclass(frozen=True, slots=True)
+class _Flat:
+    """Counts shifts through the laid-out nearness."""
+
+    tile: int
+    width: int
+
+    def shift(self, column: int, pixels: Integers) -> tuple[Integers, Integers]:
+        """Flat shifts of (row, column) shifts from a column of the tile, and shifts in W."""
+        across, phase = np.divmod(column + pixels[..., 1], self.tile)
+        return (pixels[..., 0] * self.tile + phase - column) * self.width + across, across
+
+    def samples(self, column: int, samples: _Samples) -> Integers:
+        """Flat shift, shift in rows and in W of both pixels."""
+        parts = []
+        for pixels in (samples.first, samples.second):
+            flat, across = self.shift(column, pixels)
+            parts += [flat, pixels[:, 0], across]
+        return np.stack(parts, axis=1)
+
+
+def _joined(parts: list[tuple[NDArray[np.generic], ...]]) -> tuple[NDArray[np.generic], ...]:
+    return tuple(np.concatenate(each) for each in zip(*parts, strict=True))
 
 
 def widest_way(field: Field, radius: float) -> float:
@@ -185,17 +236,40 @@ def _line(dc: float, dr: float, major: Floats, near: int) -> _Samples:
         np.vstack([beside[1:], second[keep]]),
         np.concatenate([[0.0], share[keep]]),
         np.concatenate([[0.0], way[keep]]),
+        int(np.count_nonzero(way <= near / abs(main) + SNAP)),
     )
 
 
-def _offsets(column: int, samples: _Samples, tile: int, width: int) -> Integers:
-    """Flat shift in the laid-out nearness, shift in rows and in W; of both pixels."""
-    parts = []
-    for shift in (samples.first, samples.second):
-        rows = shift[:, 0]
-        across, phase = np.divmod(column + shift[:, 1], tile)
-        parts += [(rows * tile + phase - column) * width + across, rows, across]
-    return np.stack(parts, axis=1)
+def _cells(
+    column: int, samples: _Samples, along: Floats, flat: _Flat
+) -> tuple[Integers, Integers, NDArray[np.float32]]:
+    """Corners, quarters and cuts of the cells between samples."""
+    count = len(samples.way)
+    before = np.maximum(np.arange(count) - 1, 0)
+    pixels = np.stack(
+        [samples.first[before], samples.second[before], samples.first, samples.second], axis=1
+    )
+    cuts = np.empty((count, 4))
+    cuts[:] = samples.way[:, None]
+    cuts[:, 0] = samples.way[before]
+    quarters = np.zeros((count, 3, 2), dtype=np.int64)
+    inner = slice(1, 1 + samples.cells)
+    towards = along[::-1]  # (row, column)
+    start, stop = cuts[inner, 0], cuts[inner, 3]
+    corner = np.floor(0.5 * (start + stop)[:, None] * towards).astype(np.int64)
+    # A line along the grid looks at its own two pixels only.
+    pixels[inner] = corner[:, None] + np.array([[0, 0], [0, 1], [1, 0], [1, 1]]) * (towards != 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        halves = (corner + 0.5) / towards
+    halves = np.where((halves > start[:, None]) & (halves < stop[:, None]), halves, stop[:, None])
+    halves.sort(axis=1)
+    cuts[inner, 1:3] = halves
+    middles = 0.5 * (cuts[inner, :-1] + cuts[inner, 1:])
+    beyond = middles[..., None] * towards > corner[:, None] + 0.5
+    quarters[inner] = corner[:, None] + beyond.astype(np.int64)
+    shifts, _ = flat.shift(column, pixels)
+    pieces, _ = flat.shift(column, quarters)
+    return shifts, pieces, cuts.astype(np.float32)
 
 
 def _weights(samples: _Samples, along: Floats) -> Floats:

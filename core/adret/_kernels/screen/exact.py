@@ -19,6 +19,7 @@ from adret._kernels.screen.slices import (
     add_direction,
     aim,
     farthest,
+    finish,
     leave,
     place,
     write,
@@ -67,32 +68,32 @@ def raise_lanes(near, w, low, high, at, o, p, q, lone, v, j):
 
 @kernel
 def go_out(
-    near, shape, w, n, row, first, at, o, p, q, lone, v, s, start, stop, reach, stride, growth,
+    near, shape, w, n, row, first, at, o, p, q, lone, v, s, start, stop, reach, growth,
     cosine, uniform, tolerance, code, radius, scale, table,
 ):  # fmt: skip
     """Go through the samples of one direction of the image; returns how many were needed."""
     settled = start
     before = ZERO
     i = start
+    seen = True
     while i < stop:
         low, high = lanes(shape, row, first, n, o, i + GROUP - 1)
-        if s[i] > reach or high <= low:
-            break
-        raise_lanes(near, w, low, high, at, o, p, q, lone, v, i)
+        if high > low:
+            raise_lanes(near, w, low, high, at, o, p, q, lone, v, i)
+        else:
+            seen = False
         i += GROUP
-        if s[i - 1] - before >= stride + growth * before:
-            if any_rose(w, n):
+        # Intervals end where they would for any other block, so that they give the same.
+        if i == stop or s[i - 1] >= growth * before:
+            if any_rose(w):
                 settle(
-                    near, shape, w, n, row, first, at, o, p, q, lone, v, s, settled, i, before,
+                    near, shape, w, row, first, at, o, p, q, lone, v, s, settled, i, before,
                     cosine, uniform, tolerance, code, radius, scale, table,
                 )  # fmt: skip
             settled = i
             before = s[i - 1]
-    if i > settled and any_rose(w, n):
-        settle(
-            near, shape, w, n, row, first, at, o, p, q, lone, v, s, settled, i, before, cosine,
-            uniform, tolerance, code, radius, scale, table,
-        )  # fmt: skip
+            if not seen or before > reach:
+                break
     return i - start
 
 
@@ -112,7 +113,7 @@ def border(row, first, step, n, shape, along_column, along_row):
 @parallel_kernel
 def slices(
     near, pad, shape, normal, rays, perspective, frame, o, p, q, lone, v, s, lines, along,
-    stride, growth, cosine, uniform, tolerance, code, radius, scale, table, occlusion,
+    growth, cosine, uniform, tolerance, code, radius, scale, table, occlusion,
     confidence, bent, used,
 ):  # fmt: skip
     """Occlusion of a frame by horizons with falloff.
@@ -120,7 +121,7 @@ def slices(
     Parameters
     ----------
     near : (R, T, W) float32
-        Nearness, padded by NaN: pixel (r, c) is [r + pad[0], c % T, c // T + pad[1]].
+        Nearness, padded by -inf: pixel (r, c) is [r + pad[0], c % T, c // T + pad[1]].
     pad : (int, int)
         Padding above and to the left; at least the way between the first and the last sample of
         a group, on every side.
@@ -141,9 +142,8 @@ def slices(
         of `GROUP` samples.
     along : (T, T, K, 2) float64
         Directions (columns, rows), unit.
-    stride, growth : float32
-        An interval is closed after `stride` times the way to the radius plus `growth` times the
-        way gone.
+    growth : float32
+        An interval of directions gathers samples while the way grows by this factor.
     cosine, uniform : float32
         1 and 0, or 0 and 1.
     tolerance : float32
@@ -179,25 +179,24 @@ def slices(
                     dr = np.float32(along[row % tile, phase, k, 1])
                     ex = ax * dc
                     ey = ay * dr
-                    aim(w, n, y, ex, ey, dc, dr, perspective, cosine, uniform)
-                    reach, least = farthest(w, n, perspective)
+                    aim(w, y, ex, ey, dc, dr, perspective, cosine, uniform)
+                    reach = farthest(w, perspective)
                     gone += go_out(
                         flat, padded, w, n, row + pad[0], first + pad[1], at, o, p, q, lone, v,
                         s, lines[row % tile, phase, k, 0], lines[row % tile, phase, k, 1], reach,
-                        least * stride, growth, cosine, uniform, tolerance, code, radius, scale,
+                        growth, cosine, uniform, tolerance, code, radius, scale,
                         table,
                     )  # fmt: skip
                     turns += 1
                     if reach > border(row, column, tile, n, shape, dc, dr):
-                        leave(w, n, column, tile, row, shape, dc, dr, radius, cosine, uniform)
-                    add_direction(w, n, y, ex, ey)
+                        leave(w, column, tile, row, shape, dc, dr, radius, cosine, uniform)
+                    add_direction(w, y, ex, ey)
                 i = row - row0
                 j = column - column0
+                finish(w, cosine, uniform)
                 write(
                     w,
                     n,
-                    cosine,
-                    uniform,
                     occlusion[i, j::tile],
                     confidence[i, j::tile],
                     bent[:, i, j::tile],

@@ -2,13 +2,17 @@
 
 All receivers of a block look along the same direction of the image, so a sample is a constant
 shift and every loop over the block vectorises. The numbers of a block stand in one flat array
-`w`, quantity after quantity, `LANES` apart: with constant distances nothing can alias.
+`w`, quantity after quantity, `LANES` apart: with constant distances nothing can alias. All of them
+are always computed, those without a receiver as NaN: results do not depend on a receiver's place
+in its block, as they would where vectors and the rest of a row divide differently.
 
 In the slice a direction is known by the cotangent c of its angle from the view ray: +inf towards
 the eye, -inf away from it. Where the image of a ray rises by m in nearness a pixel, c = A m + B:
 1/z (or -z) of what is straight is linear in the image. Derivation:
 docs/explanation/screen-space-exact.md.
 """
+
+import math
 
 import numpy as np
 
@@ -31,7 +35,7 @@ TAU = 10 * LANES  # tangent of the eye's angle from the receiver to what the rad
 # ... of the direction ...
 A = 11 * LANES
 B = 12 * LANES
-SIDE = 13 * LANES  # what a pixel is across the view ray, at depth 1
+PER_SIDE = 13 * LANES  # 1 over what a pixel is across the view ray, at depth 1
 SIDE_FAR = 14 * LANES  # at the receiver's depth
 SIDE_SHORT = 15 * LANES  # over the view ray's length
 NORMAL_U = 16 * LANES  # normal's component across the view ray
@@ -57,11 +61,14 @@ CLOSED_Z = 32 * LANES
 WEIGHT_OLD = 33 * LANES
 WEIGHT_MIDDLE = 34 * LANES
 WEIGHT_NEW = 35 * LANES
-HARD = 36 * LANES
-NORMAL_Z = 37 * LANES
-COSINE_NEW = 38 * LANES
-SINE_NEW = 39 * LANES
-SIZE = 40 * LANES
+WEIGHT_NEAR = 36 * LANES
+HARD = 37 * LANES
+NORMAL_Z = 38 * LANES
+COSINE_NEW = 39 * LANES
+SINE_NEW = 40 * LANES
+LOW = 41 * LANES  # cotangents between which an open ray leaves the image before the radius
+HIGH = 42 * LANES
+SIZE = 43 * LANES
 
 ZERO = np.float32(0.0)
 HALF = np.float32(0.5)
@@ -74,53 +81,54 @@ ROUNDING = np.float32(2.0**-21)
 
 @kernel
 def place(near, at, normal, row, first, step, count, rays, perspective, radius, w):
-    """Set a block's receivers: columns first, first + step, ... of a row, of the
-    nearness that starts at `at`.
+    """Set a block's receivers: columns first, first + step, ... of a row, nearness from `at` on.
 
-    Returns y of the view rays (x, y, -1).
+    Clears the sums, and returns y of the view rays (x, y, -1).
     """
     ax, bx, ay, by = rays
-    y = np.float32(ay * row + by) if perspective else ZERO
-    for i in range(count):
-        column = first + step * i
-        h = near[at + i]
-        n0, n1, n2 = normal[0, row, column], normal[1, row, column], normal[2, row, column]
-        x = np.float32(ax * column + bx) if perspective else ZERO
-        short = ONE / np.sqrt(x * x + y * y + ONE)
-        h1 = h if perspective else ONE
+    y = ay * row + by if perspective else 0.0
+    for i in range(LANES):
+        column = first + step * min(i, count - 1)
+        h = np.float64(near[at + i]) if i < count else np.nan
+        n0 = np.float64(normal[0, row, column])
+        n1 = np.float64(normal[1, row, column])
+        n2 = np.float64(normal[2, row, column])
+        x = ax * column + bx if perspective else 0.0
+        short = 1.0 / math.sqrt(x * x + y * y + 1.0)
+        h1 = h if perspective else 1.0
         facing = (n2 - n0 * x - n1 * y) * short
         away = -h1 * short / facing
-        far = ONE / (h1 * short)
-        tau = np.float32(radius)
+        far = 1.0 / (h1 * short)
+        tau = radius
         if perspective:
-            share = np.float32(radius) / far
-            tau = share / np.sqrt(ONE - share * share) if share < ONE else np.float32(np.inf)
+            share = radius / far
+            tau = share / math.sqrt(1.0 - share * share) if share < 1.0 else np.inf
         w[BASE + i] = h + abs(h) * ROUNDING
         w[X + i] = x
         w[SHORT + i] = short
-        w[SPREAD + i] = ONE / h1
+        w[SPREAD + i] = 1.0 / h1
         w[FAR + i] = far
         w[NORMAL_X + i] = n0
         w[NORMAL_Y + i] = n1
         w[NORMAL_Z + i] = n2
         w[NORMAL_V + i] = facing
-        w[RISE_COLUMN + i] = away * np.float32(ax) * n0
-        w[RISE_ROW + i] = away * np.float32(ay) * n1
+        w[RISE_COLUMN + i] = away * ax * n0
+        w[RISE_ROW + i] = away * ay * n1
         w[TAU + i] = tau
     for i in range(TOTAL_CLOSED, WEIGHT_OLD):
         w[i] = ZERO
-    return y
+    return np.float32(y)
 
 
 @kernel
-def aim(w, n, y, ex, ey, along_column, along_row, perspective, cosine, uniform):
+def aim(w, y, ex, ey, along_column, along_row, perspective, cosine, uniform):
     """Turn a block to a direction of the image; start the horizon at the tangent plane.
 
     `ex`, `ey` is what a pixel of way adds to the view rays' x and y.
     """
     flat = ONE if perspective else ZERO
     e2 = ex * ex + ey * ey
-    for i in range(n):
+    for i in range(LANES):
         x = w[X + i]
         short = w[SHORT + i]
         lean = (ex * x + ey * y) * short
@@ -136,7 +144,7 @@ def aim(w, n, y, ex, ey, along_column, along_row, perspective, cosine, uniform):
         sine = ONE / np.sqrt(ONE + c * c)
         w[A + i] = a
         w[B + i] = b
-        w[SIDE + i] = side
+        w[PER_SIDE + i] = per_side
         w[SIDE_FAR + i] = side * w[SPREAD + i]
         w[SIDE_SHORT + i] = side * short * flat
         w[NORMAL_U + i] = nu
@@ -155,25 +163,23 @@ def aim(w, n, y, ex, ey, along_column, along_row, perspective, cosine, uniform):
 
 
 @kernel
-def farthest(w, n, perspective):
-    """Ways in the image [pixels] beyond which no point of the slice is within the radius.
+def farthest(w, perspective):
+    """Way in the image [pixels] beyond which no point of a slice is within the radius.
 
-    The largest and the smallest of the block.
+    The largest of the block.
     """
     endless = np.float32(np.inf)
     top = ZERO
-    least = endless
-    for i in range(n):
+    for i in range(LANES):
         tau = w[TAU + i]
         if perspective:
             over = ONE + w[B + i] * tau
             way = tau / (over * w[SIDE_SHORT + i]) if over > ZERO else endless
             way = endless if tau == endless else way
         else:
-            way = tau / w[SIDE + i]
+            way = tau * w[PER_SIDE + i]
         top = greater(way, top)
-        least = -greater(-way, -least)
-    return top, least
+    return top
 
 
 @inline
@@ -183,8 +189,15 @@ def cosine_share(c, nu, nv):
     return HALF * (nv * (ONE - s) + nu * (c * s + atan_slope(c)))
 
 
+@inline
+def open_share(low, high, nu, nv, cosine, uniform):
+    """Integral of the weighted slice between two cotangents."""
+    share = cosine * (cosine_share(high, nu, nv) - cosine_share(low, nu, nv))
+    return share + uniform * (high / np.sqrt(ONE + high * high) - low / np.sqrt(ONE + low * low))
+
+
 @kernel
-def leave(w, n, first, step, row, shape, along_column, along_row, radius, cosine, uniform):
+def leave(w, first, step, row, shape, along_column, along_row, radius, cosine, uniform):
     """Add to `UNKNOWN` the open directions that leave the image before the radius.
 
     Of a ray's crossing with the view ray at the border, s pixels away: its distance is below the
@@ -197,7 +210,7 @@ def leave(w, n, first, step, row, shape, along_column, along_row, radius, cosine
         edge_row = np.float32(rows - 1 - row) / along_row
     elif along_row < ZERO:
         edge_row = np.float32(row) / -along_row
-    for i in range(n):
+    for i in range(LANES):
         column = first + step * i
         ahead = np.float32(columns - 1 - column) if along_column > ZERO else np.float32(column)
         speed = abs(along_column)
@@ -218,15 +231,17 @@ def leave(w, n, first, step, row, shape, along_column, along_row, radius, cosine
         c = w[COSINE + i] / w[SINE + i]
         low = c if low < c else low
         nu, nv = w[NORMAL_U + i], w[NORMAL_V + i]
-        lost = cosine * (cosine_share(high, nu, nv) - cosine_share(low, nu, nv))
-        lost += uniform * (high / np.sqrt(ONE + high * high) - low / np.sqrt(ONE + low * low))
-        w[UNKNOWN + i] += lost if inside > ZERO and high > low else ZERO
+        lost = open_share(low, high, nu, nv, cosine, uniform)
+        some = inside > ZERO and high > low
+        w[UNKNOWN + i] += lost if some else ZERO
+        w[LOW + i] = low if some else ZERO
+        w[HIGH + i] = high if some else ZERO
 
 
 @kernel
-def add_direction(w, n, y, ex, ey):
+def add_direction(w, y, ex, ey):
     """Add the sums of a direction to those of the receivers."""
-    for i in range(n):
+    for i in range(LANES):
         turn = w[TURN + i]
         w[TOTAL_CLOSED + i] += turn * w[CLOSED + i]
         w[TOTAL_UNKNOWN + i] += turn * w[UNKNOWN + i]
@@ -235,7 +250,7 @@ def add_direction(w, n, y, ex, ey):
         x = w[X + i]
         short = w[SHORT + i]
         b = w[B + i]
-        per_side = ONE / w[SIDE + i]
+        per_side = w[PER_SIDE + i]
         u = turn * w[CLOSED_U + i]
         v = turn * w[CLOSED_V + i]
         w[CLOSED_X + i] += u * (ex * per_side + b * x * short) - v * x * short
@@ -244,20 +259,31 @@ def add_direction(w, n, y, ex, ey):
 
 
 @kernel
-def write(w, n, cosine, uniform, occlusion, confidence, bent):
-    """Write the results of a block: every `step`-th column of a row."""
-    for i in range(n):
+def finish(w, cosine, uniform):
+    """Turn the sums into occlusion, confidence and bent normal, in their places."""
+    for i in range(LANES):
         per_whole = ONE / w[TOTAL_WHOLE + i]
         closed = w[TOTAL_CLOSED + i] * per_whole
-        occlusion[i] = ONE if closed > ONE else closed
-        unknown = w[TOTAL_UNKNOWN + i] * per_whole
-        confidence[i] = ONE - unknown
+        known = ONE - w[TOTAL_UNKNOWN + i] * per_whole
         # The whole hemisphere's mean direction is 2/3 n or n/2.
         share = (TWO_THIRDS * cosine + HALF * uniform) * w[TOTAL_WHOLE + i]
-        bx = share * w[NORMAL_X + i] - w[CLOSED_X + i]
-        by = share * w[NORMAL_Y + i] - w[CLOSED_Y + i]
-        bz = share * w[NORMAL_Z + i] - w[CLOSED_Z + i]
-        length = np.sqrt(bx * bx + by * by + bz * bz)
-        bent[0, i] = bx / length
-        bent[1, i] = by / length
-        bent[2, i] = bz / length
+        x = share * w[NORMAL_X + i] - w[CLOSED_X + i]
+        y = share * w[NORMAL_Y + i] - w[CLOSED_Y + i]
+        z = share * w[NORMAL_Z + i] - w[CLOSED_Z + i]
+        per_length = ONE / np.sqrt(x * x + y * y + z * z)
+        w[TOTAL_CLOSED + i] = ONE if closed > ONE else closed
+        w[TOTAL_UNKNOWN + i] = ZERO if known < ZERO else known
+        w[CLOSED_X + i] = x * per_length
+        w[CLOSED_Y + i] = y * per_length
+        w[CLOSED_Z + i] = z * per_length
+
+
+@kernel
+def write(w, n, occlusion, confidence, bent):
+    """Write what `finish` left of a block."""
+    for i in range(n):
+        occlusion[i] = w[TOTAL_CLOSED + i]
+        confidence[i] = w[TOTAL_UNKNOWN + i]
+        bent[0, i] = w[CLOSED_X + i]
+        bent[1, i] = w[CLOSED_Y + i]
+        bent[2, i] = w[CLOSED_Z + i]

@@ -1,9 +1,12 @@
-"""Intervisibility: what is seen, the work of the convex-hull tree, and time against naive walks.
+"""Intervisibility: what is seen, the tree's work, time against naive walks, and time against error.
 
-``python benchmarks/visibility.py`` runs it, on the four kinds of field of paper P2 (its tables 1, 2
-and 3 and figure 8) and on real rasters.  Writes results/visibility.json (with machine, versions and
-commit), .md and .png.  Times are CPU time of all threads, the least of several repeats, after a
-warm-up that compiles, all in one run.
+    python benchmarks/visibility.py [--size 1024] [--repeats 2] [--out benchmarks/results]
+
+On the four kinds of field of paper P2 (its tables 1, 2 and 3 and figure 8) and on real rasters.
+Errors are those of single azimuths, against every crossing of each cell's own ray in double
+precision, and those of total viewsheds, against the areas of exact viewsheds. Writes
+results/visibility.json (with machine, versions and commit), .md and .png. Times are CPU time of all
+threads, the least of several repeats, after a warm-up that compiles, all in one run.
 """
 
 import argparse
@@ -24,37 +27,44 @@ sys.path.append(str(REPOSITORY / "tests"))
 import numpy as np  # noqa: E402
 import present  # noqa: E402
 import sight_rivals  # noqa: E402
+import visibility_tables  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
 import adret  # noqa: E402
 import paper_fields  # noqa: E402
+import ray_oracle  # noqa: E402
 from adret.horizon import HorizonOptions  # noqa: E402
-from adret.sight_sweep import Reduction, SightMethod, SightRun  # noqa: E402
+from adret.sight_rays import NEAR, SightMethod  # noqa: E402
+from adret.sight_sweep import Reduction, SightRun  # noqa: E402
 
 Entry = dict[str, Any]
+Layer = NDArray[np.float32]
 
-# Tables 1 to 3 of the paper: visible points, local horizons (its tree's root children) and
-# iterations a point and azimuth, and how often faster than the naive walk.
-PAPER = {
-    "fractal terrain": (27.1, 9.25, 11.7, 2.4),
-    "brick surface": (8.94, 3.06, 4.80, 4.2),
-    "sine grid": (22.8, 1.68, 3.02, 13.0),
-    "blocks": (5.56, 2.55, 3.76, 41.0),
-}
 OBLIQUE = np.radians([-10.0, -20.0, -30.0, -40.0])  # towards smaller rows and columns, one octant
 ALL_ROUND = np.radians(np.arange(8) * 45.0 + 20.0)
 GROWTH = (64, 128, 256, 512, 1024, 2048, 4096)
 FIT_FROM = 512  # as the paper fits
+LONG = (1024, 4096)
+METHODS: tuple[tuple[SightMethod, int], ...] = (
+    *(("rays", near) for near in (0, 8, 32, 128, NEAR["rays"])),
+    *(("tree", near) for near in (0, 8, 32, 128)),
+)
+LARGE = 300_000  # cells: errors are measured on a part of larger rasters
+EYE = 2.0  # metres
+TOWER, RANGE = 20.0, 20_000.0  # of total viewsheds, metres
 
 
 def sweep(
     terrain: adret.Terrain,
     azimuths: NDArray[np.float64],
     reduce: Reduction,
-    method: SightMethod = "tree",
-) -> tuple[NDArray[np.float32], SightRun]:
+    method: SightMethod = "rays",
+    near: int | None = None,
+    **options: float,
+) -> tuple[Layer, SightRun]:
     """One reduction, and the run that made it: it knows its work."""
-    run = SightRun(terrain, azimuths, HorizonOptions(), method)
+    near = NEAR[method] if near is None else near
+    run = SightRun(terrain, azimuths, HorizonOptions(near=near, **options), method)
     return run.layer(reduce), run
 
 
@@ -69,14 +79,16 @@ def cpu_ns(work: Callable[[], Any], samples: int, repeats: int) -> float:
 
 
 def counted(terrain: adret.Terrain) -> Entry:
-    """Visible points, horizons and checks a point and azimuth, all round."""
-    seen, run = sweep(terrain, ALL_ROUND, "visible_count")
-    ends, _ = sweep(terrain, ALL_ROUND, "horizon_count")
+    """Visible points, horizons and checks a point and azimuth, all round; and what rays skip."""
+    seen, run = sweep(terrain, ALL_ROUND, "visible_count", "tree", 0)
+    ends, _ = sweep(terrain, ALL_ROUND, "horizon_count", "tree", 0)
     samples = seen.size * len(ALL_ROUND)
     flat = adret.Terrain(np.zeros(terrain.shape), terrain.cell_size)
-    steps = float(sweep(flat, ALL_ROUND, "visible_count")[0].sum(dtype=float)) / samples
-    checks, children = run.work.sum(axis=0) / samples
+    level, _ = sweep(flat, ALL_ROUND, "visible_count", "tree", 0)
+    steps = float(level.sum(dtype=float)) / samples
+    checks, children, taken = run.work.lines.sum(axis=0) / samples
     visible = float(seen.sum(dtype=float)) / samples
+    _, rays = sweep(terrain, ALL_ROUND, "visible_count")
     return {
         "naive_steps": steps,
         "visible": visible,
@@ -85,11 +97,14 @@ def counted(terrain: adret.Terrain) -> Entry:
         "root_children": float(children),
         "checks": float(checks),
         "checks_share": float(checks) / steps,
+        "repairs_skipped": float(taken),
+        "rays_tested": rays.work.samples_tested / samples,
+        "rays_skipped": rays.work.samples_passed / samples,
     }
 
 
 def timed(terrain: adret.Terrain, repeats: int) -> Entry:
-    """CPU time a cell and azimuth of the tree and of the walks, and whether results are equal."""
+    """CPU time a cell and azimuth of rays, tree and walks, and whether tree and walk are equal."""
     samples = terrain.mask.size
     four, one = samples * len(OBLIQUE), OBLIQUE[1:2]
     z = np.ascontiguousarray(terrain.heights)
@@ -97,13 +112,21 @@ def timed(terrain: adret.Terrain, repeats: int) -> Entry:
     count = np.empty(z.shape, np.float32)
     entry: Entry = {}
     for reduce, name in (("horizon_count", "horizons"), ("visible_count", "seen")):
-        entry[f"tree_{name}"] = cpu_ns(
-            lambda reduce=reduce: sweep(terrain, OBLIQUE, reduce), four, repeats
-        )
-        tree, _ = sweep(terrain, one, reduce)
-        walked: list[NDArray[np.float32]] = []
+        for method, near in (("rays", NEAR["rays"]), ("tree", 0), ("tree", NEAR["tree"])):
+            label = method if near in (0, NEAR["rays"]) else f"{method}_near"
+            entry[f"{label}_{name}"] = cpu_ns(
+                lambda reduce=reduce, method=method, near=near: sweep(
+                    terrain, OBLIQUE, reduce, method, near
+                ),
+                four,
+                repeats,
+            )
+        tree, _ = sweep(terrain, one, reduce, "tree", 0)
+        walked: list[Layer] = []
         entry[f"walk_lines_{name}"] = cpu_ns(
-            lambda reduce=reduce, out=walked: out.append(sweep(terrain, one, reduce, "march")[0]),
+            lambda reduce=reduce, out=walked: out.append(
+                sweep(terrain, one, reduce, "march", 0)[0]
+            ),
             samples,
             1,
         )
@@ -123,11 +146,128 @@ def growth(kind: Callable[[int], NDArray[np.float64]], sizes: tuple[int, ...]) -
     for n in sizes:
         field = kind(n)[:: max(1, n // 64)]
         terrain = adret.Terrain(field, (1.0, 1.0))
-        _, run = sweep(terrain, np.array([np.pi / 2, 1.5 * np.pi]), "horizon_count")
-        checks.append(float(run.work[:, 0].sum()) / (2 * len(field)))
+        east_and_west = np.array([np.pi / 2, 1.5 * np.pi])
+        _, run = sweep(terrain, east_and_west, "horizon_count", "tree", 0)
+        checks.append(float(run.work.lines[:, 0].sum()) / (2 * len(field)))
     far = [i for i, n in enumerate(sizes) if n >= FIT_FROM]
     slope = np.polyfit(np.log([sizes[i] for i in far]), np.log([checks[i] for i in far]), 1)[0]
     return {"steps": list(sizes), "checks": checks, "exponent": float(slope)}
+
+
+def long_lines(name: str) -> Entry:
+    """CPU time a cell of rays and tree on strips of large fields."""
+    entry: Entry = {"name": name}
+    for n in LONG:
+        strip = paper_fields.KINDS[name](n)[:, : n // 8]
+        terrain = adret.Terrain(np.ascontiguousarray(strip), (1.0, 1.0))
+        for method, near in (("rays", NEAR["rays"]), ("tree", 0), ("tree", NEAR["tree"])):
+            entry[f"{method}_{near}_{n}"] = cpu_ns(
+                lambda terrain=terrain, method=method, near=near: sweep(
+                    terrain, np.radians([-3.0]), "visible_count", method, near
+                ),
+                terrain.mask.size,
+                1,
+            )
+    return entry
+
+
+def errors_of_azimuths(name: str, terrain: adret.Terrain, cells: int, repeats: int) -> Entry:
+    """CPU time and error of methods and near radii, each azimuth for itself."""
+    rng = np.random.default_rng(1)
+    azimuths = np.arange(12) * (2.0 * np.pi / 12.0) + 0.05
+    if terrain.mask.size > LARGE:
+        terrain = terrain.window((100, 500), (300, 900))
+    places = rng.permutation(np.argwhere(~terrain.mask))[:cells]
+    names: tuple[Reduction, ...] = ("visible_area", "visible_count", "sight_distance")
+    exact = {reduce: np.zeros(len(places)) for reduce in names}
+    for i, (row, column) in enumerate(places):
+        for azimuth in azimuths:
+            steps, step, _ = ray_oracle.seen_samples(
+                terrain.heights, terrain.cell_size, row, column, azimuth, observer_height=EYE
+            )
+            exact["visible_area"][i] += 2.0 * np.pi / len(azimuths) * step**2 * steps.sum()
+            exact["visible_count"][i] += steps.size
+            exact["sight_distance"][i] += steps.max(initial=0) * step / len(azimuths)
+    views = adret.horizon_at(
+        terrain, places[:, 0], places[:, 1], azimuths=azimuths, observer_height=EYE
+    )
+    entries = []
+    for method, near in METHODS:
+        entry: Entry = {"method": method, "near": near}
+        for reduce in names:
+            layer, _ = sweep(terrain, azimuths, reduce, method, near, observer_height=EYE)
+            off = layer[tuple(places.T)] - exact[reduce]
+            entry[reduce] = float(abs(off).mean() / exact[reduce].mean())
+            entry[f"{reduce}_bias"] = float(off.mean() / exact[reduce].mean())
+        entry["horizon_deg"] = horizon_error(terrain, places, azimuths, views, method, near)
+        entry["ns"] = cpu_ns(
+            lambda method=method, near=near: sweep(
+                terrain, azimuths, "visible_area", method, near, observer_height=EYE
+            ),
+            terrain.mask.size * len(azimuths),
+            repeats,
+        )
+        entries.append(entry)
+    return {"name": name, "cells": len(places), "entries": entries}
+
+
+def horizon_error(
+    terrain: adret.Terrain,
+    places: NDArray[np.int64],
+    azimuths: NDArray[np.float64],
+    exact: Layer,
+    method: SightMethod,
+    near: int,
+) -> float:
+    """Mean error of the horizon in some azimuths [degrees], what sky-view factors are made of."""
+    from adret.sight_frames import SightFrame, Work
+    from adret.sweep import Direction
+
+    options = HorizonOptions(near=near, observer_height=EYE)
+    off = []
+    for k, azimuth in enumerate(azimuths.tolist()):
+        direction = Direction.of(azimuth, terrain.cell_size)
+        frame = SightFrame(terrain, direction.orientation)
+        sight = frame.sight(direction, options, method)
+        frame.add_slopes(sight, band=(0, terrain.shape[0]), work=Work())
+        slope = frame.in_raster(frame.layer)[tuple(places.T)]
+        off.append(np.degrees(abs(np.arctan(slope) - exact[k])))
+    return float(np.mean(off))
+
+
+def errors_of_areas(terrain: adret.Terrain, cells: int) -> Entry:
+    """Error of total viewsheds over the number of azimuths, against exact viewsheds."""
+    rng = np.random.default_rng(2)
+    places = rng.permutation(np.argwhere(~terrain.mask))[:cells]
+    cell = terrain.cell_size[0] * terrain.cell_size[1]
+    seen = [
+        adret.viewshed(terrain, place, observer_height=TOWER, max_distance=RANGE).visible.sum()
+        for place in places
+    ]
+    exact = cell * (np.array(seen) - 1.0)
+    entries = []
+    for method, near in (("rays", NEAR["rays"]), ("rays", 32), ("tree", 0), ("tree", 32)):
+        for directions in (8, 16, 32, 64, 128):
+            area, _ = sweep(
+                terrain,
+                adret.azimuth_set(directions),
+                "visible_area",
+                method,
+                near,
+                observer_height=TOWER,
+                max_distance=RANGE,
+            )
+            off = area[tuple(places.T)] - exact
+            entries.append(
+                {
+                    "method": method,
+                    "near": near,
+                    "directions": directions,
+                    "mean": float(abs(off).mean() / exact.mean()),
+                    "bias": float(off.mean() / exact.mean()),
+                }
+            )
+    return {"cells": len(places), "entries": entries}
 
 
 def real_fields() -> list[tuple[str, adret.Terrain]]:
@@ -141,141 +281,34 @@ def real_fields() -> list[tuple[str, adret.Terrain]]:
     return found
 
 
-def table(results: Entry) -> str:
-    """The results as Markdown."""
-    machine = results["about"]
-    lines = [
-        "# Intervisibility: the convex-hull tree against naive walks",
-        "",
-        f"{machine['processor']}, {machine['threads']} threads, Python {machine['python']}, "
-        f"Numba {machine['packages']['numba']}, commit {machine['commit'][:12]}, "
-        f"{machine['time'][:10]}. Everything is a cell and azimuth; times are CPU time of all "
-        "threads together. In brackets: the paper's own fields, which these imitate.",
-        "",
-        "## What is seen, and the tree's work",
-        "",
-        "| field | walk's steps | visible points | of the steps | root children | "
-        "local horizons | checks | of the steps |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|",
-    ]
-    for e in results["fields"]:
-        paper = PAPER.get(e["name"])
-        seen, children, checks = (f" ({v})" for v in paper[:3]) if paper else ("", "", "")
-        lines.append(
-            f"| {e['name']} | {e['naive_steps']:.0f} | {e['visible']:.2f}{seen} | "
-            f"{100 * e['visible_share']:.1f} % | {e['root_children']:.2f}{children} | "
-            f"{e['local_horizons']:.2f} | {e['checks']:.2f}{checks} | "
-            f"{100 * e['checks_share']:.2f} % |"
-        )
-    lines += [
-        "",
-        "Root children are the paper's local horizons, one a visible segment. The library's are "
-        "the ends of runs of visible samples: fewer, since a run may hold several segments.",
-        "",
-        "## Time [CPU ns]",
-        "",
-        "| field | tree: horizons | tree: visible count | walk, published | walk on lines: "
-        "horizons | visible count | walk of neighbours | tree equals walk |",
-        "|---|---:|---:|---:|---:|---:|---:|---|",
-    ]
-    for e in results["fields"]:
-        equal = "yes" if e["equal_horizons"] and e["equal_seen"] else "NO"
-        lines.append(
-            f"| {e['name']} | {e['tree_horizons']:.1f} | {e['tree_seen']:.1f} | "
-            f"{e['walk_published']:.0f} | {e['walk_lines_horizons']:.0f} | "
-            f"{e['walk_lines_seen']:.0f} | {e['walk_neighbours']:.0f} | {equal} |"
-        )
-    lines += [
-        "",
-        "*Walk, published*: scalar, one receiver after the other, the height field sampled at "
-        'every step, float32. *Walk on lines*: method "march", the same exact comparisons as '
-        "the tree on lines sampled beforehand. *Walk of neighbours*: a step of all receivers of "
-        "a row at once, in vector instructions, float32.",
-        "",
-        "## How many times faster the tree is",
-        "",
-        "| field | the paper (GPU) | horizons against the published walk | visible count against "
-        "it | horizons against the walk on lines | visible count against it | visible count "
-        "against the walk of neighbours |",
-        "|---|---:|---:|---:|---:|---:|---:|",
-    ]
-    for e in results["fields"]:
-        paper_ratio = f"{PAPER[e['name']][3]:g}" if e["name"] in PAPER else ""
-        ratios = (
-            e["walk_published"] / e["tree_horizons"],
-            e["walk_published"] / e["tree_seen"],
-            e["walk_lines_horizons"] / e["tree_horizons"],
-            e["walk_lines_seen"] / e["tree_seen"],
-            e["walk_neighbours"] / e["tree_seen"],
-        )
-        lines.append(
-            f"| {e['name']} | {paper_ratio} | " + " | ".join(f"{r:.1f}" for r in ratios) + " |"
-        )
-    lines += ["", "## Growth of the checks of a line with its steps n", ""]
-    lines += ["| content | exponent | the paper |", "|---|---:|---:|"]
-    for name, g in results["growth"].items():
-        lines.append(f"| {name} | {g['exponent']:.2f} | {g['paper']:.2f} |")
-    return "\n".join(lines) + "\n"
-
-
-def plot(results: Entry, path: Path) -> None:
-    """Checks against steps, and times, both logarithmic."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(12.8, 4.8), layout="constrained")
-    steps = np.array(GROWTH, dtype=float)
-    left.loglog(steps, steps * (steps - 1.0) / 2.0, "k:", label="naive walk, n²/2")
-    left.loglog(steps, steps, "k--", label="n")
-    for name, g in results["growth"].items():
-        left.loglog(g["steps"], g["checks"], "o-", label=f"{name}: n^{g['exponent']:.2f}")
-    left.set_xlabel("steps n of a line")
-    left.set_ylabel("convexity checks a line")
-    names = [e["name"] for e in results["fields"]]
-    places = np.arange(len(names))
-    for offset, (key, label) in enumerate(
-        (
-            ("walk_published", "walk, published"),
-            ("walk_lines_seen", "walk on lines"),
-            ("walk_neighbours", "walk of neighbours"),
-            ("tree_seen", "tree, visible count"),
-            ("tree_horizons", "tree, horizons"),
-        )
-    ):
-        heights = [e[key] for e in results["fields"]]
-        right.bar(places + 0.16 * (offset - 2), heights, 0.15, label=label)
-    right.set_yscale("log")
-    right.set_xticks(places, names, fontsize=8)
-    right.set_ylabel("CPU time [ns a cell and azimuth]")
-    for axis in (left, right):
-        axis.grid(True, which="both", alpha=0.25)
-        axis.legend(fontsize=8)
-    figure.savefig(path, dpi=120)
-    pyplot.close(figure)
+def warm_up() -> None:
+    """Compile."""
+    small = adret.Terrain(paper_fields.fractal_terrain(64), (1.0, 1.0))
+    counted(small)
+    timed(small, 1)
+    errors_of_azimuths("small", small, 2, 1)
 
 
 def main() -> None:
     """Measure, write, print where."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", type=int, default=1024, help="cells a side of the fields")
-    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--repeats", type=int, default=2)
+    parser.add_argument("--cells", type=int, default=100, help="cells of which the error is known")
     parser.add_argument("--out", type=Path, default=REPOSITORY / "benchmarks" / "results")
     options = parser.parse_args()
     results: Entry = {"about": present.about(), "fields": []}
-    small = adret.Terrain(paper_fields.fractal_terrain(64), (1.0, 1.0))
-    counted(small)
-    timed(small, 1)
+    warm_up()
     fields = [
         (name, adret.Terrain(kind(options.size), (1.0, 1.0)))
         for name, kind in paper_fields.KINDS.items()
     ]
-    for name, terrain in [*fields, *real_fields()]:
+    real = real_fields()
+    for name, terrain in [*fields, *real]:
         entry = {"name": name, **counted(terrain), **timed(terrain, options.repeats)}
         results["fields"].append(entry)
         print(
-            f"{name}: tree {entry['tree_horizons']:.1f} and {entry['tree_seen']:.1f} ns, walks "
+            f"{name}: rays {entry['rays_seen']:.1f}, tree {entry['tree_seen']:.1f} ns, walks "
             f"{entry['walk_published']:.0f}, {entry['walk_lines_seen']:.0f}, "
             f"{entry['walk_neighbours']:.0f} ns",
             flush=True,
@@ -284,11 +317,16 @@ def main() -> None:
         "growing detail (fractal)": growth(paper_fields.fractal_terrain, GROWTH) | {"paper": 1.65},
         "growing extent (random)": growth(paper_fields.random_heights, GROWTH) | {"paper": 1.01},
     }
+    results["long"] = [long_lines(name) for name in paper_fields.KINDS]
+    results["azimuths"] = [
+        errors_of_azimuths(name, terrain, options.cells, options.repeats) for name, terrain in real
+    ]
+    results["areas"] = errors_of_areas(real[0][1], options.cells)
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "visibility.json").write_text(json.dumps(results, indent=1) + "\n")
-    (options.out / "visibility.md").write_text(table(results))
-    plot(results, options.out / "visibility.png")
-    print(table(results))
+    (options.out / "visibility.md").write_text(visibility_tables.table(results))
+    visibility_tables.plot(results, options.out / "visibility.png")
+    print(visibility_tables.table(results))
     for suffix in ("json", "md", "png"):
         print(options.out / f"visibility.{suffix}")
 

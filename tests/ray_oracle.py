@@ -11,6 +11,7 @@ import oracles
 
 Array = NDArray[np.float64]
 RELATIVE = 1e-12  # of a distance: two crossings this near are one
+TIE = 1e-12  # slopes this near are equal
 
 
 def seen_samples(
@@ -46,7 +47,7 @@ def seen_samples(
     top = np.maximum.accumulate(np.r_[-np.inf, np.where(hides, slope, -np.inf)])[:-1]
     counted = sample & ~vertex
     margin = np.where(np.isinf(top), np.inf, slope - top)[counted]
-    seen = margin >= 0.0
+    seen = margin >= -TIE
     return np.round(steps[counted]).astype(np.int64)[seen], step, margin
 
 

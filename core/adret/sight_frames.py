@@ -87,7 +87,7 @@ class SightFrame:
     @cached_property
     def _ground(self) -> tuple[Layer, Layer, Layer]:
         """Heights padded on the sides that rays run to, scratch, and the roof of an azimuth."""
-        z = self._padded(sight_rays.PAD, sight_rays.PAD, 0)
+        z = self._padded(sight_rays.PAD, sight_rays.SIDE, 0)
         return z, np.empty_like(z), np.empty_like(z[:: sight_rays.EVERY])
 
     @cached_property
@@ -213,7 +213,7 @@ class SightFrame:
         sight_rays.see_along_rays(
             quantity,
             sight_rays.Ground(z.ravel(), z.shape[1], roof.ravel()),
-            sight.steps(z.shape[1]),
+            sight.steps(z.shape[1], quantity),
             sight.joined,
             rows,
             columns,

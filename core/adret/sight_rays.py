@@ -64,7 +64,7 @@ class Sight:
         column, weight = _parts(steps.astype(np.float64) * self.direction.shear)
         return np.asarray(column + (weight > 0.5), dtype=np.int64)
 
-    def steps(self, width: int) -> kernels.Steps:
+    def steps(self, width: int, quantity: int = kernels.LISTS) -> kernels.Steps:
         """Crossings of own rays; `width` is that of the padded frame."""
         block, four, shear = kernels.BLOCK, kernels.GROUP, self.direction.shear
         blocks = -(-self.own // block)
@@ -76,7 +76,7 @@ class Sight:
                 -j * width - column - (weight > 0.0),
                 weight,
                 j,
-                2.0 ** ((j - 1.0) % block),
+                _sum_of(quantity, j),
             ]
         )[:, j <= self.own]
         # The columns crossed between two rows; where the ray passes a cell, that is a sample.
@@ -113,8 +113,8 @@ class Sight:
         last = block * self.direction.step * np.arange(1.0, blocks + 1.0)
         drop = options.observer_height + options.bend * first**2
         return kernels.Steps(
-            np.nan_to_num(both[:2]).T.astype(np.int64),
-            np.stack(numbers, axis=1).astype(np.float32),
+            np.nan_to_num(both[:2]).T.astype(np.int64).ravel(),
+            np.stack(numbers, axis=1).astype(np.float32).ravel(),
             starts,
             self.columns(blocks * block + 1),
             np.stack([1.0 / first, 1.0 / last, drop], axis=1).astype(np.float32),
@@ -131,29 +131,33 @@ def seen_on_ray(
     The arithmetic is that of the kernel, and so is the result.
     """
     heights = z.ravel()
-    receiver = (row + kernels.PAD) * z.shape[1] + column + kernels.PAD
+    receiver = (row + kernels.PAD) * z.shape[1] + column + kernels.SIDE
+    cells, numbers = steps.cells.reshape(-1, 2), steps.numbers.reshape(-1, 4)
     rough = abs(heights[receiver]) * kernels.LEEWAY + steps.rough
-    top = before = np.float32(-np.inf)
-    near = off = np.float32(0.0)
+    top = np.float32(-np.inf)
     found = []
     for b in range(len(steps.bounds)):
         first = b * kernels.BLOCK + 1
         if steps.columns[first] > column or first > row:
             break
+        off = abs(top) * kernels.LEEWAY if abs(top) < np.inf else np.float32(0.0)
+        loose = rough * steps.bounds[b, kernels.PER_NEAR] + off
         some = slice(steps.starts[b], steps.starts[b + 1])
-        numbers = steps.numbers[some]
-        rise = heights[receiver + steps.cells[some]] - heights[receiver]
-        slope = rise[:, 0] * numbers[:, kernels.P] + rise[:, 1] * numbers[:, kernels.Q]
-        slope += numbers[:, kernels.K]
-        near = near if top == before else off
-        off = rough * steps.bounds[b, kernels.PER_NEAR]
-        before = top
-        loose = near + off + (abs(top) * kernels.LEEWAY if abs(top) < np.inf else np.float32(0.0))
-        tops = np.fmax.accumulate(np.r_[top, slope])
-        seen = (slope + loose >= tops[:-1]) & (numbers[:, kernels.BIT] > 0.0)
-        found.append(np.log2(numbers[seen, kernels.BIT]) + first)
+        p, q, k, bit = numbers[some].T
+        rise = heights[receiver + cells[some]] - heights[receiver]
+        slope = rise[:, 0] * p + rise[:, 1] * q + k
+        tops = np.fmax.accumulate(np.r_[top, slope - loose])
+        seen = (slope + loose >= tops[:-1]) & (bit > 0.0)
+        found.append(np.log2(bit[seen]) + first)
         top = tops[-1]
     return np.concatenate([*found, ()]).astype(np.int32), top
+
+
+def _sum_of(quantity: int, j: Numbers) -> Numbers:
+    """What samples add when they are seen: to a sum, or else to the words of bits."""
+    if quantity == kernels.SEEN:
+        return np.ones_like(j)
+    return j if quantity == kernels.MOMENT else 2.0 ** ((j - 1.0) % kernels.BLOCK)
 
 
 def _parts(position: Numbers) -> tuple[Numbers, Numbers]:

@@ -183,8 +183,8 @@ def test_own_rays_agree_with_every_crossing_in_double_precision(
                     terrain.heights, terrain.cell_size, row, column, azimuth, near=near, **oracle
                 )
                 assert sight.step_length(row, k) == pytest.approx(step)
-                if abs(margin).min(initial=1.0) < 2e-6:
-                    continue  # a tie, decided by rounding
+                if abs(margin).min(initial=1.0) < 3e-5:
+                    continue  # a tie, within what heights of this size and cells of 1/64 are off by
                 compared += 1
                 assert sight.of(row, column, k).tolist() == ray_oracle.runs(steps).tolist()
                 rows, columns = sight.visible(row, column, k)

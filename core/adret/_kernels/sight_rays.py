@@ -28,7 +28,9 @@ CHUNK = 128
 GROUP = 4
 BLOCK = 16
 EVERY = 4  # rows of heights for one of the roof, of which so little is read that caches hold it
-PAD = BLOCK + EVERY  # rows and columns of NaN on the sides that rays run to
+PAD = BLOCK + EVERY  # rows of NaN on the side that rays run to
+LANES = 16  # chunks begin and end with whole groups of so many, which vector instructions take
+SIDE = 48  # columns of NaN there: a group and a block are fewer
 STRIP = 16  # rows of a task: they read nearly the same cells
 COUNTERS = 3  # of each task: receivers, samples looked at, samples passed over
 LOWEST = np.float32(-1e30)
@@ -38,12 +40,12 @@ STEEPEST = np.float32(1e30)  # no slope is
 ZERO = np.float32(0.0)
 # Where a chunk's state lies in its scratch array: one array needs few checks against aliasing.
 HERE, BEST, WORD, OVER, TOTAL, OPEN = (index(i * CHUNK) for i in range(6))
-ROUGH, LOOSE, BEFORE, NEAR, OFF = (index(i * CHUNK) for i in range(6, 11))
-SCRATCH = 11 * CHUNK
+ROUGH, LOOSE = index(6 * CHUNK), index(7 * CHUNK)
+SCRATCH = 8 * CHUNK
 
 
 class Ground(NamedTuple):
-    """A raster turned for one octant, padded by PAD."""
+    """A raster turned for one octant, padded by PAD rows and SIDE columns."""
 
     z: NDArray[np.float32]  # (R * width,) heights, NaN where there is none
     width: int
@@ -53,12 +55,13 @@ class Ground(NamedTuple):
 class Steps(NamedTuple):
     """Crossings of a ray by distance, in blocks of BLOCK samples, those filled up to fours.
 
-    The slope of a crossing is ``P (za - z) + Q (zb - z) + K``, NaN of one that fills up. BIT is the
-    sample's in the word of its block, 0 for a crossing that only hides.
+    The slope of a crossing is ``P (za - z) + Q (zb - z) + K``, NaN of one that fills up. BIT is
+    what a sample that is seen adds to WORD: its bit in the word of its block, or for SEEN and
+    MOMENT 1 and its distance; 0 for a crossing that only hides.
     """
 
-    cells: NDArray[np.int64]  # (S, 2) A, B: offsets of the cells on either side
-    numbers: NDArray[np.float32]  # (S, 4) P, Q, K, BIT
+    cells: NDArray[np.int64]  # (2 S,) A, B: offsets of the cells on either side
+    numbers: NDArray[np.float32]  # (4 S,) P, Q, K, BIT
     starts: NDArray[np.int64]  # (blocks + 1,) first crossing of each block, and one after the last
     columns: NDArray[np.int64]  # (blocks * BLOCK + 1,) whole columns moved after 0, 1, ... rows
     bounds: NDArray[np.float32]  # (blocks, 3) PER_NEAR, PER_FAR, DROP
@@ -69,8 +72,6 @@ class Steps(NamedTuple):
 # 1 over the distance of a block's first and last crossing [1/m]; and at the first, the surface's
 # drop by curvature and the height of the eye [m].
 PER_NEAR, PER_FAR, DROP = range(3)
-A, B = range(2)
-P, Q, K, BIT = range(4)
 
 
 @strict_parallel_kernel
@@ -95,18 +96,19 @@ def raise_roof(z, columns, wide, roof):
             inner[x] = greater(a[x], greater(b[x], greater(c[x], LOWEST)))
     for q in prange(PAD // EVERY, rows // EVERY):
         r = q * EVERY + EVERY - 1
-        out = roof[q, PAD:]
+        roof[q, :SIDE] = LOWEST
+        out = roof[q, SIDE:]
         # A column crossed before the first sample has a cell of the row before.
-        before = wide[min(r + 1, rows - 1), PAD:]
+        before = wide[min(r + 1, rows - 1), SIDE:]
         for x in range(len(out)):
             out[x] = before[x]
         for k in range(0, PAD, GROUP):
             s0, s1 = columns[k], columns[k + 1]
             s2, s3 = columns[k + 2], columns[k + 3]
-            r0 = wide[r - k, PAD - s0 : width - s0]
-            r1 = wide[r - k - 1, PAD - s1 : width - s1]
-            r2 = wide[r - k - 2, PAD - s2 : width - s2]
-            r3 = wide[r - k - 3, PAD - s3 : width - s3]
+            r0 = wide[r - k, SIDE - s0 : width - s0]
+            r1 = wide[r - k - 1, SIDE - s1 : width - s1]
+            r2 = wide[r - k - 2, SIDE - s2 : width - s2]
+            r3 = wide[r - k - 3, SIDE - s3 : width - s3]
             for x in range(len(out)):
                 top = greater(r0[x], greater(r1[x], out[x]))
                 out[x] = greater(r2[x], greater(r3[x], top))
@@ -114,26 +116,16 @@ def raise_roof(z, columns, wide, roof):
 
 @strict_kernel
 def loosen(per, start, stop, s):
-    """Fill LOOSE with the leeway of slopes from this distance on.
-
-    It is what they are off by here, and at the block that holds the highest crossing (NEAR). OFF
-    and BEFORE are the former and the top, as they were at the latest block looked at.
-    """
+    """Fill LOOSE with the leeway of slopes from this distance on."""
     for i in range(start, stop):
         x = index(i)
-        top = s[BEST + x]
-        near = s[NEAR + x] if top == s[BEFORE + x] else s[OFF + x]
-        off = s[ROUGH + x] * per
-        s[BEFORE + x] = top
-        s[NEAR + x] = near
-        s[OFF + x] = off
-        steep = abs(top)
-        s[LOOSE + x] = near + off + (steep * LEEWAY if steep < STEEPEST else ZERO)
+        off = abs(s[BEST + x]) * LEEWAY
+        s[LOOSE + x] = s[ROUGH + x] * per + (off if off < STEEPEST else ZERO)
 
 
 @strict_kernel
 def can_rise(roof, at, drop, per_near, per_far, start, stop, s, bits):
-    """Whether ground as high as the roof would be seen by any receiver.
+    """Whether ground as high as the roof would be seen by any receiver, or could be a horizon.
 
     An infinite top gives an infinite difference, which is not negative.
     """
@@ -143,9 +135,8 @@ def can_rise(roof, at, drop, per_near, per_far, start, stop, s, bits):
         up = roof[index(at) + x] - s[HERE + x]
         rise = up - drop
         bound = rise * (per_near if rise > ZERO else per_far)
-        unsure = (abs(up) + drop) * per_near * ROUNDING + abs(top) * LEEWAY
-        # Of both leeways the one that counts was made nearer, and is the larger.
-        s[OVER + x] = bound + unsure + (s[NEAR + x] + s[OFF + x] + s[OFF + x]) - top
+        loose = s[ROUGH + x] * per_near + abs(top) * LEEWAY
+        s[OVER + x] = bound + (abs(up) + drop) * per_near * ROUNDING + loose - top
     below = np.int32(-1)
     for i in range(start, stop):
         below &= bits[OVER + index(i)]
@@ -154,15 +145,44 @@ def can_rise(roof, at, drop, per_near, per_far, start, stop, s, bits):
 
 @strict_kernel
 def four_crossings(z, cells, numbers, c, base, start, stop, s):
-    """Look at crossings c to c + 3 and set the bits of samples that are seen in WORD."""
-    a0, b0 = index(base + cells[c, A]), index(base + cells[c, B])
-    a1, b1 = index(base + cells[c + 1, A]), index(base + cells[c + 1, B])
-    a2, b2 = index(base + cells[c + 2, A]), index(base + cells[c + 2, B])
-    a3, b3 = index(base + cells[c + 3, A]), index(base + cells[c + 3, B])
-    p0, q0, k0, bit0 = numbers[c, 0], numbers[c, 1], numbers[c, 2], numbers[c, 3]
-    p1, q1, k1, bit1 = numbers[c + 1, 0], numbers[c + 1, 1], numbers[c + 1, 2], numbers[c + 1, 3]
-    p2, q2, k2, bit2 = numbers[c + 2, 0], numbers[c + 2, 1], numbers[c + 2, 2], numbers[c + 2, 3]
-    p3, q3, k3, bit3 = numbers[c + 3, 0], numbers[c + 3, 1], numbers[c + 3, 2], numbers[c + 3, 3]
+    """Look at crossings c to c + 3 and add the bits of samples that are seen to WORD.
+
+    The top rises to what it is for sure: it may be higher by the leeway.
+    """
+    f = index(base)
+    u = index(2 * c)
+    a0, b0 = f + index(cells[u]), f + index(cells[u + index(1)])
+    a1, b1 = f + index(cells[u + index(2)]), f + index(cells[u + index(3)])
+    a2, b2 = f + index(cells[u + index(4)]), f + index(cells[u + index(5)])
+    a3, b3 = f + index(cells[u + index(6)]), f + index(cells[u + index(7)])
+    u = index(4 * c)
+    p0, q0, k0, bit0 = (
+        numbers[u],
+        numbers[u + index(1)],
+        numbers[u + index(2)],
+        numbers[u + index(3)],
+    )
+    u += index(4)
+    p1, q1, k1, bit1 = (
+        numbers[u],
+        numbers[u + index(1)],
+        numbers[u + index(2)],
+        numbers[u + index(3)],
+    )
+    u += index(4)
+    p2, q2, k2, bit2 = (
+        numbers[u],
+        numbers[u + index(1)],
+        numbers[u + index(2)],
+        numbers[u + index(3)],
+    )
+    u += index(4)
+    p3, q3, k3, bit3 = (
+        numbers[u],
+        numbers[u + index(1)],
+        numbers[u + index(2)],
+        numbers[u + index(3)],
+    )
     for i in range(start, stop):
         x = index(i)
         h = s[HERE + x]
@@ -170,44 +190,25 @@ def four_crossings(z, cells, numbers, c, base, start, stop, s):
         top = s[BEST + x]
         slope = (z[a0 + x] - h) * p0 + (z[b0 + x] - h) * q0 + k0
         word = s[WORD + x] + (bit0 if slope + loose >= top else ZERO)
-        top = greater(slope, top)
+        top = greater(slope - loose, top)
         slope = (z[a1 + x] - h) * p1 + (z[b1 + x] - h) * q1 + k1
         word += bit1 if slope + loose >= top else ZERO
-        top = greater(slope, top)
+        top = greater(slope - loose, top)
         slope = (z[a2 + x] - h) * p2 + (z[b2 + x] - h) * q2 + k2
         word += bit2 if slope + loose >= top else ZERO
-        top = greater(slope, top)
+        top = greater(slope - loose, top)
         slope = (z[a3 + x] - h) * p3 + (z[b3 + x] - h) * q3 + k3
         s[WORD + x] = word + (bit3 if slope + loose >= top else ZERO)
-        s[BEST + x] = greater(slope, top)
+        s[BEST + x] = greater(slope - loose, top)
 
 
 @inline
 def bits_of(word):
-    """Number of bits set among the lower 16."""
-    word -= (word >> 1) & 0x5555
-    word = (word & 0x3333) + ((word >> 2) & 0x3333)
-    word = (word + (word >> 4)) & 0x0F0F
-    return (word + (word >> 8)) & 0x1F
-
-
-@strict_kernel
-def add_seen(count, s):
-    """Number of samples seen in a block."""
-    for i in range(count):
-        x = index(i)
-        s[TOTAL + x] += np.float32(bits_of(np.int64(s[WORD + x])))
-
-
-@strict_kernel
-def add_moment(count, first, s):
-    """Sum of the distances of the samples seen in a block [steps]."""
-    for i in range(count):
-        x = index(i)
-        word = np.int64(s[WORD + x])
-        beyond = bits_of(word & 0xAAAA) + 2 * bits_of(word & 0xCCCC)
-        beyond += 4 * bits_of(word & 0xF0F0) + 8 * bits_of(word & 0xFF00)
-        s[TOTAL + x] += np.float32(bits_of(word) * first + beyond)
+    """Number of bits set among the lower 16, in 32-bit arithmetic."""
+    word = np.int32(word - np.int32((word >> 1) & 0x5555))
+    word = np.int32(np.int32(word & 0x3333) + np.int32((word >> 2) & 0x3333))
+    word = np.int32(np.int32(word + np.int32(word >> 4)) & 0x0F0F)
+    return np.int32(np.int32(word + np.int32(word >> 8)) & 0x1F)
 
 
 @strict_kernel
@@ -225,12 +226,12 @@ def count_ends(count, length, s):
 
     OPEN tells whether the sample before the block is seen, and then that of the block's last one.
     """
-    mask = (1 << length) - 1
+    mask = np.int32((1 << length) - 1)
     for i in range(count):
         x = index(i)
-        word = np.int64(s[WORD + x]) * 2 + np.int64(s[OPEN + x])
-        s[OPEN + x] = np.float32((word >> length) & 1)
-        s[TOTAL + x] += np.float32(bits_of(word & ~(word >> 1) & mask))
+        word = np.int32(np.int32(np.int32(s[WORD + x]) * np.int32(2)) + np.int32(s[OPEN + x]))
+        s[OPEN + x] = np.float32(np.int32((word >> length) & 1))
+        s[TOTAL + x] += np.float32(bits_of(np.int32(word & ~(word >> 1) & mask)))
 
 
 @strict_kernel
@@ -252,16 +253,14 @@ def list_ends(count, first, length, s, start, lists):
 
 @strict_kernel
 def take_block(quantity, count, first, length, s, bits, start, lists):
-    """Add the samples of a block to TOTAL and empty WORD."""
-    if quantity == SEEN:
-        add_seen(count, s)
-    elif quantity == MOMENT:
-        add_moment(count, first, s)
-    elif quantity == WAY:
+    """Add what the words of a block say to TOTAL, and empty them; SEEN and MOMENT are sums."""
+    if quantity in (SEEN, MOMENT, SLOPE):
+        return
+    if quantity == WAY:
         keep_way(count, first, s, bits)
     elif quantity == HORIZONS:
         count_ends(count, length, s)
-    elif quantity == LISTS:
+    else:
         list_ends(count, first, length, s, start, lists)
     for i in range(count):
         s[WORD + index(i)] = ZERO
@@ -272,35 +271,38 @@ def walk(quantity, ground, steps, joined, i, lo, count, s, bits, start, lists, c
     """Walk the rays of `count` receivers from column `lo` of row i on."""
     z, width, roof = ground
     cells, numbers, starts, columns, bounds, last_sample, _ = steps
-    base = (i + PAD) * width + PAD + lo
+    base = (i + PAD) * width + SIDE + lo
+    lanes = -(-count // LANES) * LANES
     blocks = len(bounds)
     pending = False  # whether runs may be open
     b = 0
     while b < blocks and b * BLOCK < i:
         first = 1 + b * BLOCK
-        begin = max(0, columns[first] - lo)
-        if begin >= count:
+        left = max(0, columns[first] - lo)  # receivers whose rays have left the raster
+        if left >= count:
             break
+        begin = left // LANES * LANES
         length = min(BLOCK, 1 + last_sample - first) if joined else BLOCK
         near, far, drop = bounds[b, PER_NEAR], bounds[b, PER_FAR], bounds[b, DROP]
         row = i + PAD - first
         aside = EVERY - 1 - row % EVERY
-        at = row // EVERY * width + PAD + lo - columns[max(first - aside, 0)]
-        if b > 0 and not can_rise(roof, at, drop, near, far, begin, count, s, bits):
-            counters[2] += BLOCK * (count - begin)
+        at = row // EVERY * width + SIDE + lo - columns[max(first - aside, 0)]
+        if b > 0 and not can_rise(roof, at, drop, near, far, begin, lanes, s, bits):
+            counters[2] += BLOCK * (count - left)
             if pending:
-                take_block(quantity, count, first, length, s, bits, start, lists)
+                take_block(quantity, lanes, first, length, s, bits, start, lists)
                 pending = False
         else:
-            counters[1] += BLOCK * (count - begin)
-            loosen(near, begin, count, s)
+            counters[1] += BLOCK * (count - left)
+            if quantity != SLOPE:
+                loosen(near, begin, lanes, s)
             for c in range(starts[b], starts[b + 1], GROUP):
-                four_crossings(z, cells, numbers, c, base, begin, count, s)
-            take_block(quantity, count, first, length, s, bits, start, lists)
+                four_crossings(z, cells, numbers, c, base, begin, lanes, s)
+            take_block(quantity, lanes, first, length, s, bits, start, lists)
             pending = quantity in (HORIZONS, LISTS)
         b += 1
     if pending and not (joined and b == blocks):
-        take_block(quantity, count, 1 + b * BLOCK, BLOCK, s, bits, start, lists)
+        take_block(quantity, lanes, 1 + b * BLOCK, BLOCK, s, bits, start, lists)
 
 
 @strict_parallel_kernel
@@ -342,10 +344,10 @@ def see_along_rays(
         bits = s.view(np.int32)
         start = np.full(CHUNK, -1, np.int64)
         for i in range(first, min(first + STRIP, rows[1]) if count > 0 else first):
-            base = (i + PAD) * ground.width + PAD + lo
+            base = (i + PAD) * ground.width + SIDE + lo
             known = 0
-            for x in range(count):
-                h = ground.z[base + x]
+            for x in range(CHUNK):
+                h = ground.z[base + x] if x < count else np.float32(np.nan)
                 here = h == h
                 known += 1 if here else 0
                 s[HERE + index(x)] = h if here else ZERO
@@ -353,9 +355,7 @@ def see_along_rays(
                 s[WORD + index(x)] = ZERO
                 s[TOTAL + index(x)] = ZERO
                 s[OPEN + index(x)] = ZERO
-                s[BEFORE + index(x)] = s[BEST + index(x)]
-                s[NEAR + index(x)] = ZERO
-                s[OFF + index(x)] = ZERO
+                s[LOOSE + index(x)] = ZERO
                 s[ROUGH + index(x)] = abs(s[HERE + index(x)]) * LEEWAY + steps.rough
                 if quantity == LISTS:
                     start[x] = offsets[i, lo + x] if here else -1
@@ -366,7 +366,11 @@ def see_along_rays(
                     work[task],
                 )  # fmt: skip
             for x in range(count):
-                total = s[BEST + index(x)] if quantity == SLOPE else s[TOTAL + index(x)]
+                total = s[TOTAL + index(x)]
+                if quantity == SLOPE:
+                    total = s[BEST + index(x)]
+                elif quantity in (SEEN, MOMENT):
+                    total = s[WORD + index(x)]
                 if not joined:
                     out[i, lo + x] += scale * total
                 else:

@@ -110,11 +110,56 @@ def border(row, first, step, n, shape, along_column, along_row):
     return way
 
 
+@kernel
+def slice_row(
+    row, near, pad, shape, normal, rays, perspective, frame, o, p, q, lone, v, s, lines, along,
+    growth, cosine, uniform, tolerance, code, radius, scale, table, occlusion, confidence, bent,
+    used,
+):  # fmt: skip
+    """One row of `slices`."""
+    tile, width = near.shape[1], near.shape[2]
+    flat = near.reshape(near.size)
+    ax, ay = np.float32(rays[0]), np.float32(rays[2])
+    i = row - frame[0]
+    w = np.empty(SIZE, dtype=np.float32)
+    gone = 0
+    turns = 0
+    for phase in range(tile):
+        begin = (frame[2] - phase + tile - 1) // tile
+        end = (frame[3] - phase + tile - 1) // tile
+        for first in range(begin, end, LANES):
+            n = min(LANES, end - first)
+            column = phase + tile * first
+            at = ((row + pad[0]) * tile + phase) * width + first + pad[1]
+            y = place(flat, at, normal, row, column, tile, n, rays, perspective, radius, w)
+            for k in range(lines.shape[2]):
+                dc = np.float32(along[row % tile, phase, k, 0])
+                dr = np.float32(along[row % tile, phase, k, 1])
+                ex = ax * dc
+                ey = ay * dr
+                aim(w, y, ex, ey, dc, dr, perspective, cosine, uniform)
+                reach = farthest(w, perspective)
+                gone += go_out(
+                    flat, near.shape, w, n, row + pad[0], first + pad[1], at, o, p, q, lone, v, s,
+                    lines[row % tile, phase, k, 0], lines[row % tile, phase, k, 1], reach, growth,
+                    cosine, uniform, tolerance, code, radius, scale, table,
+                )  # fmt: skip
+                turns += 1
+                if reach > border(row, column, tile, n, shape, dc, dr):
+                    leave(w, column, tile, row, shape, dc, dr, radius, cosine, uniform)
+                add_direction(w, y, ex, ey)
+            finish(w, cosine, uniform)
+            j = column - frame[2]
+            write(w, n, occlusion[i, j::tile], confidence[i, j::tile], bent[:, i, j::tile])
+    used[i, 0] = gone
+    used[i, 1] = turns
+
+
 @parallel_kernel
 def slices(
     near, pad, shape, normal, rays, perspective, frame, o, p, q, lone, v, s, lines, along,
-    growth, cosine, uniform, tolerance, code, radius, scale, table, occlusion,
-    confidence, bent, used,
+    growth, cosine, uniform, tolerance, code, radius, scale, table, occlusion, confidence, bent,
+    used,
 ):  # fmt: skip
     """Occlusion of a frame by horizons with falloff.
 
@@ -157,49 +202,9 @@ def slices(
     used : (row1 - row0, 2) int64
         Output: samples times blocks gone through, and directions times blocks.
     """
-    row0, row1, column0, column1 = frame
-    tile, width = near.shape[1], near.shape[2]
-    padded = near.shape
-    flat = near.reshape(near.size)
-    ax, ay = np.float32(rays[0]), np.float32(rays[2])
-    for row in prange(row0, row1):
-        w = np.empty(SIZE, dtype=np.float32)
-        gone = 0
-        turns = 0
-        for phase in range(tile):
-            begin = (column0 - phase + tile - 1) // tile
-            end = (column1 - phase + tile - 1) // tile
-            for first in range(begin, end, LANES):
-                n = min(LANES, end - first)
-                column = phase + tile * first
-                at = ((row + pad[0]) * tile + phase) * width + first + pad[1]
-                y = place(flat, at, normal, row, column, tile, n, rays, perspective, radius, w)
-                for k in range(lines.shape[2]):
-                    dc = np.float32(along[row % tile, phase, k, 0])
-                    dr = np.float32(along[row % tile, phase, k, 1])
-                    ex = ax * dc
-                    ey = ay * dr
-                    aim(w, y, ex, ey, dc, dr, perspective, cosine, uniform)
-                    reach = farthest(w, perspective)
-                    gone += go_out(
-                        flat, padded, w, n, row + pad[0], first + pad[1], at, o, p, q, lone, v,
-                        s, lines[row % tile, phase, k, 0], lines[row % tile, phase, k, 1], reach,
-                        growth, cosine, uniform, tolerance, code, radius, scale,
-                        table,
-                    )  # fmt: skip
-                    turns += 1
-                    if reach > border(row, column, tile, n, shape, dc, dr):
-                        leave(w, column, tile, row, shape, dc, dr, radius, cosine, uniform)
-                    add_direction(w, y, ex, ey)
-                i = row - row0
-                j = column - column0
-                finish(w, cosine, uniform)
-                write(
-                    w,
-                    n,
-                    occlusion[i, j::tile],
-                    confidence[i, j::tile],
-                    bent[:, i, j::tile],
-                )
-        used[row - row0, 0] = gone
-        used[row - row0, 1] = turns
+    for row in prange(frame[0], frame[1]):
+        slice_row(
+            row, near, pad, shape, normal, rays, perspective, frame, o, p, q, lone, v, s, lines,
+            along, growth, cosine, uniform, tolerance, code, radius, scale, table, occlusion,
+            confidence, bent, used,
+        )  # fmt: skip

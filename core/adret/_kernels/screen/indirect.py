@@ -133,6 +133,47 @@ def gather(
         before = now
 
 
+@kernel
+def indirect_row(
+    row, near, pad, shape, normal, rays, perspective, frame, colour, normals, facing, o, p, q, lone,
+    v, s, lines, along, cosine, uniform, tolerance, code, radius, scale, table, light,
+):  # fmt: skip
+    """One row of `indirect`."""
+    tile, width = near.shape[1], near.shape[2]
+    flat = near.reshape(near.size)
+    ax, ay = np.float32(rays[0]), np.float32(rays[2])
+    w = np.empty(SIZE + 3 * LANES, dtype=np.float32)
+    for phase in range(tile):
+        begin = (frame[2] - phase + tile - 1) // tile
+        end = (frame[3] - phase + tile - 1) // tile
+        for first in range(begin, end, LANES):
+            n = min(LANES, end - first)
+            column = phase + tile * first
+            at = ((row + pad[0]) * tile + phase) * width + first + pad[1]
+            y = place(flat, at, normal, row, column, tile, n, rays, perspective, radius, w)
+            w[LIGHT:] = ZERO
+            for k in range(lines.shape[2]):
+                dc = np.float32(along[row % tile, phase, k, 0])
+                dr = np.float32(along[row % tile, phase, k, 1])
+                ex = ax * dc
+                ey = ay * dr
+                aim(w, y, ex, ey, dc, dr, perspective, cosine, uniform)
+                gather(
+                    flat, near.shape, colour, normals, facing, w, n, row + pad[0], first + pad[1],
+                    at, o, p, q, lone, v, s, lines[row % tile, phase, k, 0],
+                    lines[row % tile, phase, k, 1], farthest(w, perspective), y, ex, ey, cosine,
+                    uniform, tolerance, code, radius, scale, table,
+                )  # fmt: skip
+                for x in range(LANES):
+                    w[TOTAL_WHOLE + x] += w[TURN + x] * w[WHOLE + x]
+            for band in range(3):
+                for x in range(LANES):
+                    w[LIGHT + band * LANES + x] /= w[TOTAL_WHOLE + x]
+                out = light[band, row - frame[0], column - frame[2] :: tile]
+                for x in range(n):
+                    out[x] = w[LIGHT + band * LANES + x]
+
+
 @parallel_kernel
 def indirect(
     near, pad, shape, normal, rays, perspective, frame, colour, normals, facing, o, p, q, lone, v,
@@ -153,40 +194,9 @@ def indirect(
 
     The rest is as for `exact.slices`.
     """
-    row0, row1, column0, column1 = frame
-    tile, width = near.shape[1], near.shape[2]
-    padded = near.shape
-    flat = near.reshape(near.size)
-    ax, ay = np.float32(rays[0]), np.float32(rays[2])
-    for row in prange(row0, row1):
-        w = np.empty(SIZE + 3 * LANES, dtype=np.float32)
-        for phase in range(tile):
-            begin = (column0 - phase + tile - 1) // tile
-            end = (column1 - phase + tile - 1) // tile
-            for first in range(begin, end, LANES):
-                n = min(LANES, end - first)
-                column = phase + tile * first
-                at = ((row + pad[0]) * tile + phase) * width + first + pad[1]
-                y = place(flat, at, normal, row, column, tile, n, rays, perspective, radius, w)
-                w[LIGHT:] = ZERO
-                for k in range(lines.shape[2]):
-                    dc = np.float32(along[row % tile, phase, k, 0])
-                    dr = np.float32(along[row % tile, phase, k, 1])
-                    ex = ax * dc
-                    ey = ay * dr
-                    aim(w, y, ex, ey, dc, dr, perspective, cosine, uniform)
-                    reach = farthest(w, perspective)
-                    gather(
-                        flat, padded, colour, normals, facing, w, n, row + pad[0], first + pad[1],
-                        at, o, p, q, lone, v, s, lines[row % tile, phase, k, 0],
-                        lines[row % tile, phase, k, 1], reach, y, ex, ey, cosine, uniform,
-                        tolerance, code, radius, scale, table,
-                    )  # fmt: skip
-                    for x in range(LANES):
-                        w[TOTAL_WHOLE + x] += w[TURN + x] * w[WHOLE + x]
-                for band in range(3):
-                    for x in range(LANES):
-                        w[LIGHT + band * LANES + x] /= w[TOTAL_WHOLE + x]
-                    out = light[band, row - row0, column - column0 :: tile]
-                    for x in range(n):
-                        out[x] = w[LIGHT + band * LANES + x]
+    for row in prange(frame[0], frame[1]):
+        indirect_row(
+            row, near, pad, shape, normal, rays, perspective, frame, colour, normals, facing, o, p,
+            q, lone, v, s, lines, along, cosine, uniform, tolerance, code, radius, scale, table,
+            light,
+        )  # fmt: skip

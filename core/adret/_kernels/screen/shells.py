@@ -13,10 +13,10 @@ import numpy as np
 
 from adret._kernels.jit import greater, inline, kernel, parallel_kernel, prange
 from adret._kernels.screen.exact import border
-from adret._kernels.screen.intervals import add_line, advance, any_rose, close, view_ray
+from adret._kernels.screen.gaps import hide
+from adret._kernels.screen.intervals import advance, any_rose, close
 from adret._kernels.screen.slices import (
     BASE,
-    COSINE,
     HALF,
     HIGH,
     LANES,
@@ -25,9 +25,7 @@ from adret._kernels.screen.slices import (
     NORMAL_V,
     ONE,
     RAISED,
-    SINE,
     SIZE,
-    SLOPE,
     UNKNOWN,
     ZERO,
     A,
@@ -42,7 +40,6 @@ from adret._kernels.screen.slices import (
     write,
 )
 
-NARROW = 0.1  # square of the tangent of an interval that may be counted later
 ENDLESS = np.float32(np.inf)
 MINUS = np.float32(-np.inf)
 
@@ -55,7 +52,7 @@ def behind(h, thickness, perspective):
 
 @inline
 def apart(a, b, thickness, perspective):
-    """Whether two nearnesses are of one surface: NaN is not."""
+    """Whether two nearnesses are not of one surface; NaN never is."""
     gap = abs(1.0 / a - 1.0 / b) if perspective else abs(a - b)
     return not gap <= thickness
 
@@ -67,86 +64,6 @@ def sampled(a, b, share, thickness, perspective):
     if apart(a, b, thickness, perspective):
         h = b if share > 0.5 else a
     return h
-
-
-@kernel
-def count(w, x, low, high, s, cosine, uniform, code, radius, scale, table):
-    """Add directions of receiver x between two slopes, first hit `s` pixels away."""
-    a, b = np.float64(w[A + x]), np.float64(w[B + x])
-    rho, ku, kw = view_ray(w, x, s)
-    add_line(
-        w, x, rho, ku, kw, a * low + b, a * high + b, cosine, uniform, code, radius, scale, table
-    )
-
-
-@kernel
-def narrow(w, x, low, high):
-    """Whether the angle between two slopes is small."""
-    a, b = w[A + x], w[B + x]
-    c0 = a * low + b
-    c1 = a * high + b
-    return (c1 - c0) * (c1 - c0) < NARROW * (1.0 + c0 * c0) * (1.0 + c1 * c1)
-
-
-@kernel
-def begin_anew(w, x, m):
-    """Let the horizon of receiver x go on from slope m, all below being counted."""
-    c = w[A + x] * m + w[B + x]
-    sine = ONE / np.sqrt(ONE + c * c)
-    w[RAISED + x] = m
-    w[SLOPE + x] = m
-    w[SINE + x] = sine
-    w[COSINE + x] = c * sine
-
-
-@kernel
-def hide(w, x, gaps, low, high, s, cosine, uniform, code, radius, scale, table):
-    """Hide the directions between two slopes of receiver x by what is `s` pixels away.
-
-    `gaps[x]` are the receiver's intervals above its horizon: their number, then their ends.
-    """
-    top = w[RAISED + x]
-    if not high > top:
-        return
-    low = max(low, top)
-    number = int(gaps[x, 0])
-    # Intervals first to after - 1 touch the new one.
-    first = 0
-    while first < number and gaps[x, 2 + 2 * first] < low:
-        first += 1
-    after = first
-    while after < number and gaps[x, 1 + 2 * after] <= high:
-        after += 1
-    if low == top and after == 0 and narrow(w, x, top, high):
-        w[RAISED + x] = high
-        return
-    done = low
-    for k in range(first, after):
-        if gaps[x, 1 + 2 * k] > done:
-            count(w, x, done, gaps[x, 1 + 2 * k], s, cosine, uniform, code, radius, scale, table)
-        done = max(done, gaps[x, 2 + 2 * k])
-    if done < high:
-        count(w, x, done, high, s, cosine, uniform, code, radius, scale, table)
-    if after > first:
-        low = min(low, gaps[x, 1 + 2 * first])
-        high = max(high, gaps[x, 2 * after])
-    if low == top:
-        if top > w[SLOPE + x]:
-            count(w, x, w[SLOPE + x], top, s, cosine, uniform, code, radius, scale, table)
-        begin_anew(w, x, high)
-        shift = after
-    else:
-        shift = after - first - 1
-    if shift < 0:
-        for k in range(2 * number, 2 * first, -1):
-            gaps[x, k + 2] = gaps[x, k]
-    else:
-        for k in range(2 * after + 1, 2 * number + 1):
-            gaps[x, k - 2 * shift] = gaps[x, k]
-    if low > top:
-        gaps[x, 1 + 2 * first] = low
-        gaps[x, 2 + 2 * first] = high
-    gaps[x, 0] = number - shift
 
 
 @inline
@@ -358,6 +275,54 @@ def leave_behind(w, n, gaps, cosine, uniform):
                 w[UNKNOWN + x] -= open_share(low, high, nu, nv, cosine, uniform)
 
 
+@kernel
+def shell_row(
+    row, longest, near, pad, shape, normal, rays, perspective, frame, o, p, q, s, lines, along,
+    corners, pieces, cuts, growth, cosine, uniform, thickness, code, radius, scale, table,
+    occlusion, confidence, bent, used,
+):  # fmt: skip
+    """One row of `shell_slices`."""
+    tile, width = near.shape[1], near.shape[2]
+    flat = near.reshape(near.size)
+    ax, ay = np.float32(rays[0]), np.float32(rays[2])
+    i = row - frame[0]
+    w = np.empty(SIZE, dtype=np.float32)
+    gaps = np.empty((LANES, 6 * longest + 3), dtype=np.float32)
+    gone = 0
+    turns = 0
+    for phase in range(tile):
+        begin = (frame[2] - phase + tile - 1) // tile
+        end = (frame[3] - phase + tile - 1) // tile
+        for first in range(begin, end, LANES):
+            n = min(LANES, end - first)
+            column = phase + tile * first
+            at = ((row + pad[0]) * tile + phase) * width + first + pad[1]
+            y = place(flat, at, normal, row, column, tile, n, rays, perspective, radius, w)
+            for k in range(lines.shape[2]):
+                dc = np.float32(along[row % tile, phase, k, 0])
+                dr = np.float32(along[row % tile, phase, k, 1])
+                ex = ax * dc
+                ey = ay * dr
+                aim(w, y, ex, ey, dc, dr, perspective, cosine, uniform)
+                reach = farthest(w, perspective)
+                gone += go_out(
+                    flat, shape, tile, width, w, n, row, column, at, o, p, q, s, corners, pieces,
+                    cuts, lines[row % tile, phase, k, 0], lines[row % tile, phase, k, 1], reach,
+                    growth, thickness, perspective, gaps, cosine, uniform, code, radius, scale,
+                    table,
+                )  # fmt: skip
+                turns += 1
+                if reach > border(row, column, tile, n, shape, dc, dr):
+                    leave(w, column, tile, row, shape, dc, dr, radius, cosine, uniform)
+                    leave_behind(w, n, gaps, cosine, uniform)
+                add_direction(w, y, ex, ey)
+            finish(w, cosine, uniform)
+            j = column - frame[2]
+            write(w, n, occlusion[i, j::tile], confidence[i, j::tile], bent[:, i, j::tile])
+    used[i, 0] = gone
+    used[i, 1] = turns
+
+
 @parallel_kernel
 def shell_slices(
     near, pad, shape, normal, rays, perspective, frame, o, p, q, lone, v, s, lines, along,
@@ -378,56 +343,13 @@ def shell_slices(
         Ways at which the line enters and leaves these quarters; the last one is the sample's own.
     thickness : float32
     """
-    row0, row1, column0, column1 = frame
-    tile, width = near.shape[1], near.shape[2]
-    flat = near.reshape(near.size)
-    ax, ay = np.float32(rays[0]), np.float32(rays[2])
     longest = 0
-    for tile_row in range(tile):
-        for phase in range(tile):
-            for k in range(lines.shape[2]):
-                line = lines[tile_row, phase, k]
-                longest = max(longest, line[1] - line[0])
-    for row in prange(row0, row1):
-        w = np.empty(SIZE, dtype=np.float32)
-        gaps = np.empty((LANES, 4 * longest + 3), dtype=np.float32)
-        gone = 0
-        turns = 0
-        for phase in range(tile):
-            begin = (column0 - phase + tile - 1) // tile
-            end = (column1 - phase + tile - 1) // tile
-            for first in range(begin, end, LANES):
-                n = min(LANES, end - first)
-                column = phase + tile * first
-                at = ((row + pad[0]) * tile + phase) * width + first + pad[1]
-                y = place(flat, at, normal, row, column, tile, n, rays, perspective, radius, w)
-                for k in range(lines.shape[2]):
-                    dc = np.float32(along[row % tile, phase, k, 0])
-                    dr = np.float32(along[row % tile, phase, k, 1])
-                    ex = ax * dc
-                    ey = ay * dr
-                    aim(w, y, ex, ey, dc, dr, perspective, cosine, uniform)
-                    reach = farthest(w, perspective)
-                    gone += go_out(
-                        flat, shape, tile, width, w, n, row, column, at, o, p, q, s,
-                        corners, pieces, cuts, lines[row % tile, phase, k, 0],
-                        lines[row % tile, phase, k, 1], reach, growth, thickness,
-                        perspective, gaps, cosine, uniform, code, radius, scale, table,
-                    )  # fmt: skip
-                    turns += 1
-                    if reach > border(row, column, tile, n, shape, dc, dr):
-                        leave(w, column, tile, row, shape, dc, dr, radius, cosine, uniform)
-                        leave_behind(w, n, gaps, cosine, uniform)
-                    add_direction(w, y, ex, ey)
-                i = row - row0
-                j = column - column0
-                finish(w, cosine, uniform)
-                write(
-                    w,
-                    n,
-                    occlusion[i, j::tile],
-                    confidence[i, j::tile],
-                    bent[:, i, j::tile],
-                )
-        used[row - row0, 0] = gone
-        used[row - row0, 1] = turns
+    for k in range(lines.size // 2):
+        line = lines.reshape(lines.size // 2, 2)[k]
+        longest = max(longest, line[1] - line[0])
+    for row in prange(frame[0], frame[1]):
+        shell_row(
+            row, longest, near, pad, shape, normal, rays, perspective, frame, o, p, q, s, lines,
+            along, corners, pieces, cuts, growth, cosine, uniform, thickness, code, radius, scale,
+            table, occlusion, confidence, bent, used,
+        )  # fmt: skip

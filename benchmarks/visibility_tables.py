@@ -247,7 +247,7 @@ def _plot_times(axis: Any, results: Entry) -> None:
         heights = [e[key] for e in results["fields"]]
         axis.bar(places + 0.14 * (offset - 2.5), heights, 0.13, label=label)
     axis.set_yscale("log")
-    axis.set_xticks(places, names, fontsize=8)
+    axis.set_xticks(places, [name.replace(", ", ",\n") for name in names], fontsize=8)
     axis.set_ylabel("CPU time [ns a cell and azimuth]")
     # Above the bars, none of which it covers.
     axis.legend(fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))

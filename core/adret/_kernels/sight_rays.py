@@ -305,6 +305,56 @@ def walk(quantity, ground, steps, joined, i, lo, count, s, bits, start, lists, c
         take_block(quantity, lanes, 1 + b * BLOCK, BLOCK, s, bits, start, lists)
 
 
+@strict_kernel
+def _serve(
+    task, quantity, ground, steps, joined, rows, columns, scale, out, best, open_run, offsets, lists,
+    work,
+):  # fmt: skip
+    """One chunk of STRIP rows of `see_along_rays`; `work` is the task's."""
+    chunks = (out.shape[1] + CHUNK - 1) // CHUNK
+    chunk = task % chunks
+    first = rows[0] + task // chunks * STRIP
+    lo = max(chunk * CHUNK, columns[0])
+    count = min((chunk + 1) * CHUNK, columns[1]) - lo
+    s = np.zeros(SCRATCH, np.float32)
+    bits = s.view(np.int32)
+    start = np.full(CHUNK, -1, np.int64)
+    for i in range(first, min(first + STRIP, rows[1]) if count > 0 else first):
+        base = (i + PAD) * ground.width + SIDE + lo
+        known = 0
+        for x in range(CHUNK):
+            h = ground.z[base + x] if x < count else np.float32(np.nan)
+            here = h == h
+            known += 1 if here else 0
+            s[HERE + index(x)] = h if here else ZERO
+            s[BEST + index(x)] = -np.inf if here else STEEPEST  # over which nothing is seen
+            s[WORD + index(x)] = ZERO
+            s[TOTAL + index(x)] = ZERO
+            s[OPEN + index(x)] = ZERO
+            s[LOOSE + index(x)] = ZERO
+            s[ROUGH + index(x)] = abs(s[HERE + index(x)]) * LEEWAY + steps.rough
+            if quantity == LISTS:
+                start[x] = offsets[i, lo + x] if here else -1
+        work[0] += known
+        if known > 0:
+            walk(
+                quantity, ground, steps, joined, i, lo, count, s, bits, start, lists,
+                work,
+            )  # fmt: skip
+        for x in range(count):
+            total = s[TOTAL + index(x)]
+            if quantity == SLOPE:
+                total = s[BEST + index(x)]
+            elif quantity in (SEEN, MOMENT):
+                total = s[WORD + index(x)]
+            if not joined:
+                out[i, lo + x] += scale * total
+            else:
+                out[i, lo + x] = total
+                best[i, lo + x] = s[BEST + index(x)]
+                open_run[i, lo + x] = s[OPEN + index(x)] != ZERO
+
+
 @strict_parallel_kernel
 def see_along_rays(
     quantity, ground, steps, joined, rows, columns, scale, out, best, open_run, offsets, lists, work
@@ -334,46 +384,8 @@ def see_along_rays(
     work : (tasks, COUNTERS) int64
         Raised by receivers, samples looked at, and samples passed over.
     """
-    chunks = (out.shape[1] + CHUNK - 1) // CHUNK
     for task in prange(len(work)):
-        chunk = task % chunks
-        first = rows[0] + task // chunks * STRIP
-        lo = max(chunk * CHUNK, columns[0])
-        count = min((chunk + 1) * CHUNK, columns[1]) - lo
-        s = np.zeros(SCRATCH, np.float32)
-        bits = s.view(np.int32)
-        start = np.full(CHUNK, -1, np.int64)
-        for i in range(first, min(first + STRIP, rows[1]) if count > 0 else first):
-            base = (i + PAD) * ground.width + SIDE + lo
-            known = 0
-            for x in range(CHUNK):
-                h = ground.z[base + x] if x < count else np.float32(np.nan)
-                here = h == h
-                known += 1 if here else 0
-                s[HERE + index(x)] = h if here else ZERO
-                s[BEST + index(x)] = -np.inf if here else STEEPEST  # over which nothing is seen
-                s[WORD + index(x)] = ZERO
-                s[TOTAL + index(x)] = ZERO
-                s[OPEN + index(x)] = ZERO
-                s[LOOSE + index(x)] = ZERO
-                s[ROUGH + index(x)] = abs(s[HERE + index(x)]) * LEEWAY + steps.rough
-                if quantity == LISTS:
-                    start[x] = offsets[i, lo + x] if here else -1
-            work[task, 0] += known
-            if known > 0:
-                walk(
-                    quantity, ground, steps, joined, i, lo, count, s, bits, start, lists,
-                    work[task],
-                )  # fmt: skip
-            for x in range(count):
-                total = s[TOTAL + index(x)]
-                if quantity == SLOPE:
-                    total = s[BEST + index(x)]
-                elif quantity in (SEEN, MOMENT):
-                    total = s[WORD + index(x)]
-                if not joined:
-                    out[i, lo + x] += scale * total
-                else:
-                    out[i, lo + x] = total
-                    best[i, lo + x] = s[BEST + index(x)]
-                    open_run[i, lo + x] = s[OPEN + index(x)] != ZERO
+        _serve(
+            task, quantity, ground, steps, joined, rows, columns, scale, out, best, open_run,
+            offsets, lists, work[task],
+        )  # fmt: skip

@@ -86,6 +86,83 @@ def _stride(samples):
     return ((samples + 2 + BLOCK) // 16 + 1 | 1) * 16
 
 
+@kernel
+def _serve(
+    chunk, tree, quantity, z, lines, near_field, rows, columns, scale, out, offsets, lists, work
+):
+    """Every CHUNKS-th strip of `sight_layer`, from `chunk` on; `work` is the chunk's."""
+    left, weight, cell, bend, quanta, eye, reach = lines
+    gap = near_field.gap
+    strips = strip_count(cell, rows, columns)
+    length = _stride(rows[1])
+    heights = np.full((STRIP, length), np.nan)
+    values = np.zeros((STRIP, length), np.float32)
+    start = np.zeros((STRIP if quantity == LISTS else 1, length), np.int64)
+    eyes = np.empty((STRIP if gap > 0 else 1, length))
+    walls = np.empty((STRIP if gap > 0 else 1, length))
+    open_runs = np.zeros((STRIP if gap > 0 else 1, length), np.bool_)
+    s = np.arange(length).astype(np.float64)
+    child = np.empty(length, np.int32)
+    sibling = np.empty(length, np.int32)
+    leaf = np.empty(length, np.uint8)
+    kids = np.empty(length, np.int32)
+    stack = np.empty(length, np.int32)
+    later = np.empty(length, np.int32)
+    found = np.empty(max(8192, 2 * length), np.int32)
+    bounds = np.empty(length + 1, np.int64)
+    state = np.zeros(4, np.int64)
+    zone = np.zeros(4)
+    for strip in range(chunk, strips, CHUNKS):
+        first = first_line(cell, strip, rows, columns)
+        begin, end = strip_rows(cell, first, rows[1], z.shape[1] - 2)
+        sample_strip(z, left, weight, cell, first, begin, end, bend, quanta, heights)
+        values[:] = -np.inf if quantity == SLOPE else 0.0
+        if gap > 0:
+            take_near_field(
+                cell, first, begin, end, rows, columns, bend, quanta, eye, near_field.rise,
+                z, near_field.best, near_field.value, near_field.open_run, eyes, walls,
+                values, open_runs,
+            )  # fmt: skip
+            if quantity == SLOPE:
+                for line in range(STRIP):
+                    for p in range(length):
+                        values[line, p] = walls[line, p]
+        if quantity == LISTS:
+            place_lists(cell, first, begin, end, rows, columns, offsets, start)
+        count = end - begin
+        for line in range(STRIP):
+            h = heights[line]
+            value = values[line]
+            near = line if gap > 0 else 0
+            if not tree and quantity == SEEN and gap == 0:
+                count_by_walk(count, eye, reach, h, s, value)
+                continue
+            place = 1
+            while place <= count:
+                if tree:
+                    after = list_by_tree(
+                        place, count, gap, eye, eyes[near], h, s, child, sibling, leaf, kids,
+                        stack, later, state, zone, found, bounds, work,
+                    )  # fmt: skip
+                    if reach < count:
+                        cut_at_reach(place, after, gap, eye, eyes[near], reach, h, s, found, bounds)
+                    if gap > 0:
+                        cut_at_wall(place, after, eyes[near], walls[near], h, s, found, bounds)
+                else:
+                    after = list_by_walk(
+                        place, count, gap, eye, eyes[near], walls[near], reach, h, s, found,
+                        bounds,
+                    )  # fmt: skip
+                _reduce(
+                    quantity, place, after, gap, eye, eyes[near], walls[near],
+                    open_runs[near], h, s, found, bounds, value,
+                    start[line if quantity == LISTS else 0], lists,
+                )  # fmt: skip
+                place = after
+        if quantity != LISTS:
+            add_strip(cell, first, begin, end, rows, columns, scale, values, out)
+
+
 @parallel_kernel
 def sight_layer(
     tree, quantity, z, lines, near_field, rows, columns, scale, out, offsets, lists, work
@@ -113,74 +190,8 @@ def sight_layer(
     work : (CHUNKS, COUNTERS) int64
         Raised by the work of the tree.
     """
-    left, weight, cell, bend, quanta, eye, reach = lines
-    gap = near_field.gap
-    strips = strip_count(cell, rows, columns)
     for chunk in prange(CHUNKS):
-        length = _stride(rows[1])
-        heights = np.full((STRIP, length), np.nan)
-        values = np.zeros((STRIP, length), np.float32)
-        start = np.zeros((STRIP if quantity == LISTS else 1, length), np.int64)
-        eyes = np.empty((STRIP if gap > 0 else 1, length))
-        walls = np.empty((STRIP if gap > 0 else 1, length))
-        open_runs = np.zeros((STRIP if gap > 0 else 1, length), np.bool_)
-        s = np.arange(length).astype(np.float64)
-        child = np.empty(length, np.int32)
-        sibling = np.empty(length, np.int32)
-        leaf = np.empty(length, np.uint8)
-        kids = np.empty(length, np.int32)
-        stack = np.empty(length, np.int32)
-        later = np.empty(length, np.int32)
-        found = np.empty(max(8192, 2 * length), np.int32)
-        bounds = np.empty(length + 1, np.int64)
-        state = np.zeros(4, np.int64)
-        zone = np.zeros(4)
-        for strip in range(chunk, strips, CHUNKS):
-            first = first_line(cell, strip, rows, columns)
-            begin, end = strip_rows(cell, first, rows[1], z.shape[1] - 2)
-            sample_strip(z, left, weight, cell, first, begin, end, bend, quanta, heights)
-            values[:] = -np.inf if quantity == SLOPE else 0.0
-            if gap > 0:
-                take_near_field(
-                    cell, first, begin, end, rows, columns, bend, quanta, eye, near_field.rise,
-                    z, near_field.best, near_field.value, near_field.open_run, eyes, walls,
-                    values, open_runs,
-                )  # fmt: skip
-                if quantity == SLOPE:
-                    values[:] = walls
-            if quantity == LISTS:
-                place_lists(cell, first, begin, end, rows, columns, offsets, start)
-            count = end - begin
-            for line in range(STRIP):
-                h = heights[line]
-                value = values[line]
-                near = line if gap > 0 else 0
-                if not tree and quantity == SEEN and gap == 0:
-                    count_by_walk(count, eye, reach, h, s, value)
-                    continue
-                place = 1
-                while place <= count:
-                    if tree:
-                        after = list_by_tree(
-                            place, count, gap, eye, eyes[near], h, s, child, sibling, leaf, kids,
-                            stack, later, state, zone, found, bounds, work[chunk],
-                        )  # fmt: skip
-                        if reach < count:
-                            cut_at_reach(
-                                place, after, gap, eye, eyes[near], reach, h, s, found, bounds
-                            )
-                        if gap > 0:
-                            cut_at_wall(place, after, eyes[near], walls[near], h, s, found, bounds)
-                    else:
-                        after = list_by_walk(
-                            place, count, gap, eye, eyes[near], walls[near], reach, h, s, found,
-                            bounds,
-                        )  # fmt: skip
-                    _reduce(
-                        quantity, place, after, gap, eye, eyes[near], walls[near],
-                        open_runs[near], h, s, found, bounds, value,
-                        start[line if quantity == LISTS else 0], lists,
-                    )  # fmt: skip
-                    place = after
-            if quantity != LISTS:
-                add_strip(cell, first, begin, end, rows, columns, scale, values, out)
+        _serve(
+            chunk, tree, quantity, z, lines, near_field, rows, columns, scale, out, offsets, lists,
+            work[chunk],
+        )  # fmt: skip

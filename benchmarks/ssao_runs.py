@@ -272,7 +272,7 @@ def _volumes(case: Case, quick: bool) -> Iterator[Run]:
 
 
 def _plain_rays(quick: bool) -> Iterator[Run]:
-    for n in (32,) if quick else (32, 128):
+    for n in (32,):
         yield Run(
             "raytraced",
             f"{n} rays",

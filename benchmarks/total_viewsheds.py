@@ -5,7 +5,6 @@ Run by `viewsheds.py`. The truth is the area of exact viewsheds from some random
 
 import importlib.metadata
 import importlib.util
-import inspect
 import tempfile
 import time
 from collections.abc import Iterator
@@ -48,22 +47,18 @@ def cut(dem: Path, folder: Path) -> tuple[adret.Terrain, Path]:
 
 
 def own_totals(terrain: adret.Terrain, eye: float) -> Iterator[Entry]:
-    """`total_viewshed` by number of azimuths, and by near field where it has one."""
-    parameters = inspect.signature(adret.total_viewshed).parameters
-    near = "near" in parameters
-    default = parameters["near"].default if near else None
-    choices = [(k, default) for k in (8, 16, 32, 64, 128, 256)]
-    choices += [(64, n) for n in (0, 8, 16, 32, 64, 128) if near and n != default]
-    for directions, radius in choices:
-        options = {"near": radius} if near else {}
-        adret.total_viewshed(terrain, 2, observer_height=eye, **options)
+    """`total_viewshed` by number of azimuths, and by the crossings of a cell's own ray."""
+    choices: list[tuple[int, int | None]] = [(k, None) for k in (8, 16, 32, 64, 128, 256)]
+    choices += [(64, near) for near in (0, 8, 32, 128)]
+    for directions, near in choices:
+        adret.total_viewshed(terrain, 2, observer_height=eye, near=near)
         start = time.process_time()
-        area = adret.total_viewshed(terrain, directions, observer_height=eye, **options)
+        area = adret.total_viewshed(terrain, directions, observer_height=eye, near=near)
         yield {
-            "name": f"Adret, {directions} azimuths" + (f", near={radius}" if near else ""),
+            "name": f"Adret, {directions} azimuths" + ("" if near is None else f", near={near}"),
             "directions": directions,
-            "near": radius,
-            "default_near": radius == default,
+            "near": near,
+            "default_near": near is None,
             "cpu_seconds": time.process_time() - start,
             "area": area,
         }

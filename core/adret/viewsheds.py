@@ -21,6 +21,7 @@ from adret.sight import (
     height_above_ground,
     sight_options,
 )
+from adret.sight_rays import SightMethod
 from adret.terrain import Terrain
 
 __all__ = ["Viewshed", "total_viewshed", "viewshed"]
@@ -182,6 +183,8 @@ def total_viewshed(
     directions: int = 32,
     *,
     observer_height: float = 1.6,
+    method: SightMethod = "rays",
+    near: int | None = None,
     max_distance: float | None = None,
     radius: float | None = None,
     refraction: float = 0.0,
@@ -196,6 +199,8 @@ def total_viewshed(
         Number of azimuths in which sight is followed.
     observer_height : float
         Height of the eyes above the ground [m]. What is seen is ground.
+    method, near
+        As for `intervisibility`.
     max_distance, radius, refraction, progress
         As for `viewshed`; progress counts azimuths.
 
@@ -212,8 +217,9 @@ def total_viewshed(
     Notes
     -----
     It is ``intervisibility(reduce="visible_area")``: 2π times the mean over the azimuths of the
-    visible ground along each, weighted by its distance. Sight is followed on swept lines, not on
-    each pair's own line as in `viewshed`, and between azimuths nothing is looked at.
+    visible ground along each, weighted by its distance. Between azimuths nothing is looked at.
+    Ground between cell centres counts as that at them, and is seen a little less: on rugged ground
+    the area comes out 1 to 2 % below that of the cells whose centre `viewshed` sees.
 
     Examples
     --------
@@ -231,6 +237,8 @@ def total_viewshed(
         directions,
         reduce="visible_area",
         observer_height=observer_height,
+        method=method,
+        near=near,
         max_distance=max_distance,
         radius=radius,
         refraction=refraction,

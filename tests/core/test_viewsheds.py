@@ -11,7 +11,15 @@ import pytest
 from affine import Affine
 
 import adret
-from adret import InputError, Terrain, cells_at, line_of_sight, total_viewshed, viewshed
+from adret import (
+    InputError,
+    Terrain,
+    cells_at,
+    intervisibility,
+    line_of_sight,
+    total_viewshed,
+    viewshed,
+)
 from adret._kernels import jit
 from adret.parameters import sights
 from adret.viewsheds import BITS
@@ -616,7 +624,15 @@ def test_the_total_viewshed_is_the_area_of_every_viewshed(example_dem: Path) -> 
     ]
     want = np.array(exact) * 200.0**2
     got = np.array([area[cell] for cell in cells])
-    # 64 azimuths on swept lines against each pair's own line.
+    # 64 azimuths against each pair's own line.
     assert got.sum() == pytest.approx(want.sum(), rel=0.03)
     assert np.abs(got - want).sum() < 0.08 * want.sum()
     assert np.corrcoef(got, want)[0, 1] > 0.99
+
+
+def test_the_total_viewshed_takes_the_ways_of_intervisibility(example_dem: Path) -> None:
+    terrain = Terrain.open(example_dem).window((100, 140), (120, 160))
+    for options in ({"method": "tree"}, {"method": "tree", "near": 0}, {"near": 8}):
+        got = total_viewshed(terrain, 8, observer_height=2.0, **options)
+        want = intervisibility(terrain, 8, observer_height=2.0, reduce="visible_area", **options)
+        np.testing.assert_array_equal(got, want)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from adret_service.openapi import document
 
-COMMITTED = Path(__file__).resolve().parents[2] / "openapi" / "adret.json"
+COMMITTED = Path(__file__).resolve().parents[2] / "openapi" / "adret-v1.json"
 
 
 def test_the_committed_document_is_current() -> None:

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -218,7 +218,12 @@ def horizon_map(
 
 
 class HorizonRun:
-    """One pass over a set of azimuths; its report can be read when the layers are consumed."""
+    """One pass over a set of azimuths; its report can be read when the layers are consumed.
+
+    `only` names the azimuths, by index, that are swept.
+    """
+
+    number = 0
 
     def __init__(
         self,
@@ -227,13 +232,17 @@ class HorizonRun:
         options: HorizonOptions,
         progress: Progress | None = None,
         *,
-        skipped: int = 0,
+        only: Sequence[int] | None = None,
     ) -> None:
         self.terrain = terrain
         self.azimuths = azimuths
+        size = terrain.cell_size  # of the whole raster: its tiles go in the same order
+        turns = [methods.Direction.of(a, size).orientation for a in azimuths.tolist()]
+        every = sorted(range(len(turns)), key=lambda k: (turns[k], k))
+        wanted = range(len(turns)) if only is None else set(only)
+        self._order = [(number, k) for number, k in enumerate(every) if k in wanted]
         self.options = options
         self._progress = progress
-        self._skipped = skipped
         self._bands = terrain.latitude_bands(methods.MAX_AZIMUTH_ERROR)
         self._start = time.perf_counter()
 
@@ -243,31 +252,30 @@ class HorizonRun:
         """Yield (k, slope): tangent of the elevation towards azimuth k, shape (rows, columns).
 
         -inf where nothing lies that way, NaN at nodata cells. The array is reused: consume it
-        before the next step. `distances`, shape (K, rows, columns), is filled along the way.
+        before the next step. `distances`, shape (K, rows, columns), is filled along the way, and
+        `number` counts the layers, with those that `only` leaves out.
         Azimuths come grouped by octant, in an order that the list of azimuths alone decides.
         """
         slope = np.empty(self.terrain.shape, np.float32)
         engine = methods.ENGINES[self.options.method](self.terrain, self.options)
-        size = self._bands[0].cell_size
-        directions = [methods.Direction.of(a, size) for a in self.azimuths.tolist()]
-        order = sorted(range(len(directions)), key=lambda k: (directions[k].orientation, k))
-        for done, k in enumerate(order):
+        for done, (number, k) in enumerate(self._order):
+            self.number = number
             way = None if distances is None else distances[k]
             for band in self._bands:
                 direction = methods.Direction.of(float(self.azimuths[k]), band.cell_size)
                 engine.fill(direction, slope, way, (band.start, band.stop))
             yield k, slope
             if self._progress is not None:
-                self._progress(done + 1, len(order))
+                self._progress(done + 1, len(self._order))
 
-    def report(self) -> RunReport:
-        """What was done so far; also becomes `last_run_report`."""
+    def report(self, skipped: int = 0) -> RunReport:
+        """What was done, with `skipped` more azimuths that need not be; see `last_run_report`."""
         return remember(
             RunReport(
                 method=self.options.method,
                 near=self.options.near if self.options.method == "sweep" else 0,
-                azimuths_swept=len(self.azimuths),
-                azimuths_skipped=self._skipped,
+                azimuths_swept=len(self._order),
+                azimuths_skipped=len(self.azimuths) - len(self._order) + skipped,
                 cells=self.terrain.mask.size,
                 cells_skipped=int(self.terrain.mask.sum()),
                 bands=len(self._bands),

@@ -19,13 +19,27 @@ class LayerSum:
     shape : (int, int, int)
         Bands, rows and columns.
     count : int
-        Number of layers that will be added; above 32 a float64 total is kept as well.
+        Number of layers that may be added; above 32 a float64 total is kept as well.
+
+    Notes
+    -----
+    A sum in floating point hangs on its order and on where it is rounded. Layers that add nothing
+    may be left out without a trace when the others say their number: `at`.
     """
 
     def __init__(self, shape: tuple[int, int, int], count: int) -> None:
         self.layer: NDArray[np.float32] = np.zeros(shape, dtype=np.float32)
         self._total = np.zeros(shape) if count > LAYERS_AT_A_TIME else None
         self._added = 0
+
+    def at(self, number: int) -> None:
+        """Say that what is added next is layer `number`, from 0; those in between are zero."""
+        if (
+            self._total is not None
+            and number // LAYERS_AT_A_TIME != (self._added - 1) // LAYERS_AT_A_TIME
+        ):
+            self._drain(self._total)
+        self._added = number
 
     def added(self) -> None:
         """Say that one more layer has been added to `layer`."""

@@ -166,19 +166,20 @@ def direct_light(
     options = HorizonOptions(**horizon)
     receivers = Receivers(*_slopes(terrain, normals))
     slices = sky.slices(count)
-    lit = lit_slices(slices, receivers)
-    azimuths = np.array([each.azimuth for each in lit], dtype=np.float64)
-    skipped = max(count, len(slices)) - len(lit)
-    run = HorizonRun(terrain, azimuths, options, progress, skipped=skipped)
-    total = LayerSum((sky.bands, *terrain.shape), len(lit))
+    lit = {id(each) for each in lit_slices(slices, receivers)}
+    azimuths = np.array([each.azimuth for each in slices], dtype=np.float64)
+    only = [k for k, each in enumerate(slices) if id(each) in lit]
+    run = HorizonRun(terrain, azimuths, options, progress, only=only)
+    total = LayerSum((sky.bands, *terrain.shape), len(slices))
     for k, slope in run.layers():
-        lit[k].add(slope, receivers, total.layer)
+        total.at(run.number)
+        slices[k].add(slope, receivers, total.layer)
         total.added()
     irradiance = np.empty((*terrain.shape, sky.bands), dtype=np.float32)
     kernels.finish(receivers.to_east, receivers.to_north, total.total(), irradiance)
     if sky.bands == 1:
         irradiance = irradiance[:, :, 0]
-    return Light(irradiance, terrain, run.report())
+    return Light(irradiance, terrain, run.report(skipped=max(count - len(slices), 0)))
 
 
 def lit_slices(slices: list[Any], receivers: Receivers) -> list[Any]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from adret._kernels.exact_march import exact_at, exact_layer
 from adret._kernels.line_hull import look_up, sweep_lines
 from adret.errors import InputError
-from adret.sweep import POOL, Direction, Layer, Orientation, SweepFrame
+from adret.sweep import POOL, Direction, Layer, Orientation, Receivers, SweepFrame
 from adret.terrain import Terrain
 
 if TYPE_CHECKING:
@@ -61,8 +61,15 @@ class _Framed:
         if orientation not in self._frames:
             if len(self._frames) > 1:
                 del self._frames[next(iter(self._frames))]
+            seen, top, left = self.terrain.view
+            row, column = self.terrain.origin
             self._frames[orientation] = SweepFrame(
-                self.terrain.heights, orientation, near, reach, self.terrain.origin
+                seen,
+                orientation,
+                near,
+                reach,
+                (row - top, column - left),
+                Receivers(top, left, *self.terrain.shape),
             )
         return self._frames[orientation]
 
@@ -108,7 +115,7 @@ class Exact:
     """Every crossing of the cell's own ray with the grid lines, in float64."""
 
     def __init__(self, terrain: Terrain, options: "HorizonOptions") -> None:
-        self.heights = terrain.heights
+        self.view = terrain.view
         self.options = options
 
     def fill(
@@ -118,8 +125,9 @@ class Exact:
         start, stop = rows
         way = np.empty_like(slope) if distance is None else distance
         exact_layer(
-            self.heights,
-            start,
+            self.view.heights,
+            self.view.top + start,
+            self.view.left,
             direction.along_row,
             direction.along_column,
             self.options.range,
@@ -134,6 +142,8 @@ class Hull:
     """Paper P1 as published."""
 
     def __init__(self, terrain: Terrain, options: "HorizonOptions") -> None:
+        if terrain.view.heights.shape != terrain.shape:
+            raise InputError("method", "another than 'hull' for a tile", "hull")
         self.heights = terrain.heights
         self.mask = terrain.mask
         self.options = options
@@ -194,9 +204,9 @@ def exact_points(
         directions = [Direction.of(a, band.cell_size) for a in azimuths.tolist()]
         part = np.empty((azimuths.size, inside.size))
         exact_at(
-            terrain.heights,
-            row[inside].astype(np.int64),
-            column[inside].astype(np.int64),
+            terrain.view.heights,
+            row[inside].astype(np.int64) + terrain.view.top,
+            column[inside].astype(np.int64) + terrain.view.left,
             np.array([d.along_row for d in directions]),
             np.array([d.along_column for d in directions]),
             options.range,

@@ -15,15 +15,23 @@ MAX_AZIMUTH_ERROR = 1e-4
 def surface_slopes(terrain: Terrain) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Rise per metre towards east and north, each (rows, columns); NaN at nodata."""
     rows, columns = terrain.shape
-    per_width = np.empty(rows, dtype=np.float32)
-    per_height = np.empty(rows, dtype=np.float32)
+    # Of a tile, the neighbours of its edge cells as well.
+    heights, top, left = terrain.view
+    above, before = min(top, 1), min(left, 1)
+    heights = heights[top - above : top + rows + 1, left - before : left + columns + 1]
+    per_width = np.empty(len(heights), dtype=np.float32)
+    per_height = np.empty(len(heights), dtype=np.float32)
     for start, stop, (dx, dy) in terrain.latitude_bands(MAX_AZIMUTH_ERROR):
-        per_width[start:stop] = 1.0 / dx
-        per_height[start:stop] = 1.0 / dy
-    to_east = np.empty((rows, columns), dtype=np.float32)
-    to_north = np.empty((rows, columns), dtype=np.float32)
-    kernels.gradients(terrain.heights, per_width, per_height, to_east, to_north)
-    return to_east, to_north
+        per_width[above + start : above + stop] = 1.0 / dx
+        per_height[above + start : above + stop] = 1.0 / dy
+    # Of a row beyond the tile only the heights matter.
+    per_width[:above] = per_width[above + rows :] = 0.0
+    per_height[:above] = per_height[above + rows :] = 0.0
+    to_east = np.empty(heights.shape, dtype=np.float32)
+    to_north = np.empty(heights.shape, dtype=np.float32)
+    kernels.gradients(np.ascontiguousarray(heights), per_width, per_height, to_east, to_north)
+    own = (slice(above, above + rows), slice(before, before + columns))
+    return np.ascontiguousarray(to_east[own]), np.ascontiguousarray(to_north[own])
 
 
 def surface_normals(terrain: Terrain) -> NDArray[np.float32]:

@@ -108,20 +108,22 @@ def shadow(
     options = HorizonOptions(**horizon)
     receivers = Receivers(*surface_slopes(terrain))
     strips = sun.share_slices(MAX_STRIPS)
-    visible = lit_slices(strips, receivers)
-    azimuths = np.array([each.azimuth for each in visible], dtype=np.float64)
-    run = HorizonRun(terrain, azimuths, options, progress, skipped=len(strips) - len(visible))
+    visible = {id(each) for each in lit_slices(strips, receivers)}
+    azimuths = np.array([each.azimuth for each in strips], dtype=np.float64)
+    only = [k for k, each in enumerate(strips) if id(each) in visible]
+    run = HorizonRun(terrain, azimuths, options, progress, only=only)
     code = np.full(terrain.shape, ShadowCode.SELF_SHADOWED, dtype=np.uint8)
     code[terrain.mask] = ShadowCode.MASKED
-    total = LayerSum((1, *terrain.shape), len(visible))
+    total = LayerSum((1, *terrain.shape), len(strips))
     # At the zenith the slope is finite, and above all that heights and cell sizes can make.
     slope_of_sun = np.float32(min(max(tan(radians(sun.elevation_deg)), -1e18), 1e18))
     if abs(sun.elevation_deg) == 90.0:
         slope_of_sun = np.float32(1e18 * sin(radians(sun.elevation_deg)))
     for k, slope in run.layers():
-        visible[k].add(slope, receivers, total.layer)
+        total.at(run.number)
+        strips[k].add(slope, receivers, total.layer)
         total.added()
-        if visible[k] is strips[0]:
+        if k == 0:
             kernels.shadow_codes(
                 slope,
                 receivers.to_east,

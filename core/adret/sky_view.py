@@ -183,6 +183,10 @@ def _upside_down(terrain: Terrain) -> Terrain:
     turned = copy(terrain)  # the same grid, and the same place in its raster
     turned._heights = -terrain.heights
     turned._heights.setflags(write=False)
+    seen = terrain.view
+    turned._view = seen._replace(
+        heights=turned._heights if seen.heights is terrain.heights else -seen.heights
+    )
     turned._datum = -terrain.datum
     return turned
 

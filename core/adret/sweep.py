@@ -8,6 +8,7 @@ Azimuths of one octant share the frame's padded copy of the heights.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from adret._kernels.march import march
 from adret._kernels.near_field import near_field, near_field_distance
 from adret._kernels.raster_edge import raise_by_edge
 
-__all__ = ["POOL", "Direction", "Layer", "Orientation", "SweepFrame"]
+__all__ = ["POOL", "Direction", "Layer", "Orientation", "Receivers", "SweepFrame"]
 
 NEAR_ALONE = 3  # near radii within which a limited range is left to the near field: exact, quicker
 PAD = 4  # cells of NaN that a frame needs at least
@@ -86,6 +87,15 @@ class Direction:
             shear=shear,
             step=math.hypot(along, shear * across),
         )
+
+
+class Receivers(NamedTuple):
+    """The part of a frame's raster whose horizons are asked for."""
+
+    top: int
+    left: int
+    rows: int
+    columns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,6 +184,8 @@ class SweepFrame:
     origin : (int, int)
         Row and column of the first cell in the raster that `heights` was cut from: lines, pools
         and blocks of the far field are anchored there.
+    receivers : Receivers, optional
+        The part whose horizons are asked for: layers that are filled cover it alone.
     """
 
     def __init__(
@@ -183,12 +195,14 @@ class SweepFrame:
         near: int,
         reach: int = 0,
         origin: tuple[int, int] = (0, 0),
+        receivers: Receivers | None = None,
     ) -> None:
         shape = heights.shape[::-1] if orientation.swap else heights.shape
         self.shape: tuple[int, int] = (shape[0], shape[1])
         self.orientation = orientation
         self.near = near
         self._heights = heights
+        self._receivers = receivers or Receivers(0, 0, *heights.shape)
         # No shift inside the raster is longer than the raster.
         rows, columns = (min(max(near, reach), length) + PAD for length in shape)
         self._pad = (rows, columns)
@@ -204,13 +218,17 @@ class SweepFrame:
         return o.swap, o.flip_rows, o.flip_columns
 
     def _span(self, rows: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Frame rows and columns of a span of raster rows."""
-        o, (n, m) = self.orientation, self.shape
+        """Frame rows and columns of the receivers in a span of their rows."""
+        o, (top, left, _, width), (n, m) = self.orientation, self._receivers, self.shape
+        down = np.array([top + rows[0], top + rows[1]])
+        across = np.array([left, left + width])
         if o.swap:
-            first, last = (m - rows[1], m - rows[0]) if o.flip_columns else rows
-            return np.array([0, n]), np.array([first, last])
-        first, last = (n - rows[1], n - rows[0]) if o.flip_rows else rows
-        return np.array([first, last]), np.array([0, m])
+            down, across = across, down
+        if o.flip_rows:
+            down = n - down[::-1]
+        if o.flip_columns:
+            across = m - across[::-1]
+        return np.ascontiguousarray(down), np.ascontiguousarray(across)
 
     def horizon(
         self,
@@ -236,7 +254,7 @@ class SweepFrame:
         distance : ndarray, shape (rows, columns), float32, optional
             Output: way to the horizon point, NaN where there is none.
         rows : (int, int)
-            Raster rows to serve, start and stop; all rows are terrain.
+            Rows of the receivers to serve, start and stop; all rows of the raster are terrain.
         max_distance : float
             Range [m].
         bend : float
@@ -366,11 +384,13 @@ class SweepFrame:
     def _write(self, layer: Layer, target: Layer, rows: tuple[int, int]) -> None:
         """Turn a frame layer back into rows of a raster layer and mask nodata."""
         o = self.orientation
-        if o.swap:
-            # The inverse of "transpose, then flip" flips the other axis after transposing.
-            lo, hi = self._span(rows)[1]
-            copy_oriented(layer[:, lo:hi], target[slice(*rows)], True, o.flip_columns, o.flip_rows)
-        else:
-            lo, hi = self._span(rows)[0]
-            copy_oriented(layer[lo:hi], target[slice(*rows)], False, o.flip_rows, o.flip_columns)
-        mask_nodata(self._heights[slice(*rows)], target[slice(*rows)])
+        down, across = self._span(rows)
+        part = layer[down[0] : down[1], across[0] : across[1]]
+        flips = (o.flip_rows, o.flip_columns)
+        # The inverse of "transpose, then flip" flips the other axis after transposing.
+        copy_oriented(part, target[slice(*rows)], o.swap, *(flips[::-1] if o.swap else flips))
+        top, left, _, width = self._receivers
+        mask_nodata(
+            self._heights[top + rows[0] : top + rows[1], left : left + width],
+            target[slice(*rows)],
+        )

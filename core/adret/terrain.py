@@ -1,6 +1,5 @@
 """`Terrain`: heights in metres on a north-up grid, and where on which body they lie."""
 
-import math
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
@@ -11,6 +10,7 @@ from adret import _heights, geodesy, rasters
 from adret._values import real, whole
 from adret.errors import InputError
 from adret.geodesy import Band
+from adret.grids import RasterGrid, TerrainView, checked_cell_size, checked_transform
 
 if TYPE_CHECKING:
     import os
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from pyproj import CRS
 
 __all__ = ["Terrain"]
-
-CELL_LIMITS = (1e-6, 1e7)
 
 
 class Terrain:
@@ -88,18 +86,20 @@ class Terrain:
     ) -> None:
         values, masked = _heights.checked_array(heights)
         self._crs = geodesy.parse_crs(crs)
-        self._transform = _checked_transform(transform)
+        self._transform = checked_transform(transform)
         if cell_size is None:
             if self._transform is None:
                 raise InputError("cell_size", "a pair of metres (dx, dy)", None)
             cell_size = geodesy.cell_size(self._crs, self._transform, values.shape)
-        self._cell_size = _checked_cell_size(cell_size)
+        self._cell_size = checked_cell_size(cell_size)
         factor = geodesy.vertical_factor(vertical_unit)
         self._vertical_unit = vertical_unit
         self._heights, self._datum = _heights.above_datum(values, masked, factor, datum)
-        self._root_rows = (0, values.shape[0])
-        self._left = 0
-        self._core = (slice(0, values.shape[0]), slice(0, values.shape[1]))
+        rows, columns = values.shape
+        self._grid = RasterGrid(self._crs, self._transform, (rows, columns), self._cell_size)
+        self._origin = (0, 0)
+        self._core = (slice(0, rows), slice(0, columns))
+        self._view = TerrainView(self._heights, 0, 0)
 
     @classmethod
     def open(
@@ -149,7 +149,7 @@ class Terrain:
         ((310, 358), 2056, 200)
         """
         if cell_size is not None:
-            cell_size = _checked_cell_size(cell_size)
+            cell_size = checked_cell_size(cell_size)
         grid = rasters.open_heights(
             path, band, window, vertical_unit=vertical_unit, cell_size=cell_size
         )
@@ -196,7 +196,17 @@ class Terrain:
     @property
     def origin(self) -> tuple[int, int]:
         """Row and column of this window's first cell in the raster that it was cut from."""
-        return self._root_rows[0], self._left
+        return self._origin
+
+    @property
+    def grid(self) -> RasterGrid:
+        """The raster that this is, or was cut from."""
+        return self._grid
+
+    @property
+    def view(self) -> TerrainView:
+        """Heights that cells of this terrain see: their own, and of a tile what is round it."""
+        return self._view
 
     @property
     def core(self) -> tuple[slice, slice]:
@@ -222,10 +232,8 @@ class Terrain:
         on the ground at the receiver; a target at a longitude further by dL lies off the geodesic
         by another sin(latitude) dL / 2 (meridians converge), which no cell size can mend.
         """
-        grid = self._grid
-        if grid is None:
-            return 0.0
-        return grid.azimuth_error(self._cell_size, 0, self.shape[0])
+        top = self._origin[0]
+        return self._grid.azimuth_error_of(top, top + self.shape[0])
 
     def latitude_bands(self, max_azimuth_error: float) -> list[Band]:
         """Cut the rows so that within each band the azimuth error stays below a limit.
@@ -244,18 +252,9 @@ class Terrain:
         limit = "above 0 and at most 0.5 rad"
         if real("max_azimuth_error", max_azimuth_error, limit, 0.0, 0.5) == 0.0:
             raise InputError("max_azimuth_error", limit, max_azimuth_error)
-        rows = self.shape[0]
-        first, total = self._root_rows
-        grid = self._grid
-        if grid is None or (
-            grid.azimuth_error(self._cell_size, -first, total - first) <= max_azimuth_error
-        ):
-            return [Band(0, rows, self._cell_size)]
-        return grid.bands(0, rows, max_azimuth_error)
-
-    @cached_property
-    def _grid(self) -> geodesy.RowWiseGrid | None:
-        return geodesy.row_wise_grid(self._crs, self._transform, self.shape)
+        top = self._origin[0]
+        bands = self._grid.bands(top, top + self.shape[0], max_azimuth_error)
+        return [Band(start - top, stop - top, size) for start, stop, size in bands]
 
     @cached_property
     def body_radius(self) -> float | None:
@@ -304,51 +303,94 @@ class Terrain:
         bottom = min(row[1] + halo, self.shape[0])
         right = min(column[1] + halo, self.shape[1])
 
-        part = object.__new__(Terrain)
-        part._heights = self._heights[top:bottom, left:right].copy()
-        part._heights.setflags(write=False)
-        part._datum = self._datum
-        part._vertical_unit = self._vertical_unit
-        part._cell_size = self._cell_size
-        part._crs = self._crs
-        part._transform = (
-            None if self._transform is None else geodesy.shifted(self._transform, left, top)
+        view = TerrainView(self._heights[top:bottom, left:right].copy(), 0, 0)
+        part = Terrain.of_view(
+            view,
+            view.heights.shape,
+            (self._origin[0] + top, self._origin[1] + left),
+            self._grid,
+            self._datum,
+            self._vertical_unit,
         )
-        part._root_rows = (self._root_rows[0] + top, self._root_rows[1])
-        part._left = self._left + left
         part._core = (
             slice(row[0] - top, row[1] - top),
             slice(column[0] - left, column[1] - left),
         )
         return part
 
+    def tile(self, rows: Any, cols: Any, halo: int | None = None) -> "Terrain":
+        """Cut out rows and columns that still see `halo` cells more on every side.
+
+        Parameters
+        ----------
+        rows, cols : slice or (start, stop)
+            The tile's own cells: what products of it cover.
+        halo : int, optional
+            Cells round it that its cells see, where the raster has them; None for all.
+
+        Returns
+        -------
+        Terrain
+            Same datum and cell size, shifted transform. Horizons of it, and all that is made of
+            them, are the bytes that the whole has there, if `halo` is as wide as the range (see
+            `HorizonOptions.halo`). Heights are views of this terrain's.
+
+        Examples
+        --------
+        >>> import numpy as np, adret
+        >>> z = np.zeros((1, 4)); z[0, 3] = 10.0
+        >>> tile = adret.Terrain(z, (10.0, 10.0)).tile((0, 1), (1, 3))
+        >>> east = adret.horizon_map(tile, azimuths=[np.pi / 2]).elevation
+        >>> np.degrees(east[0, 0]).round(2)
+        array([26.57, 45.  ], dtype=float32)
+        """
+        row = rasters.span("rows", rows, self.shape[0])
+        column = rasters.span("columns", cols, self.shape[1])
+        if halo is None:
+            halo = max(self.shape)
+        halo = whole("halo", halo, "a whole number of cells, 0 or more", 0)
+        top, left = max(row[0] - halo, 0), max(column[0] - halo, 0)
+        seen = np.ascontiguousarray(self._heights[top : row[1] + halo, left : column[1] + halo])
+        corner = (top + self._origin[0], left + self._origin[1])
+        view = TerrainView(seen, row[0] - top, column[0] - left)
+        shape = (row[1] - row[0], column[1] - column[0])
+        return Terrain.of_view(view, shape, corner, self._grid, self._datum, self._vertical_unit)
+
+    @classmethod
+    def of_view(
+        cls,
+        view: TerrainView,
+        shape: tuple[int, int],
+        corner: tuple[int, int],
+        grid: RasterGrid,
+        datum: float,
+        vertical_unit: str = "m",
+    ) -> "Terrain":
+        """The tile of `shape` rows and columns of a raster that need never be read as a whole.
+
+        `view` is what the tile sees, float32 metres above `datum`, NaN at nodata; it begins at row
+        and column `corner` of the whole raster, which `grid` describes.
+        """
+        tile = object.__new__(cls)
+        view.heights.setflags(write=False)
+        heights = view.heights[view.top : view.top + shape[0], view.left : view.left + shape[1]]
+        tile._heights = np.ascontiguousarray(heights)
+        tile._heights.setflags(write=False)
+        tile._view = view
+        tile._datum = datum
+        tile._vertical_unit = vertical_unit
+        tile._grid = grid
+        tile._cell_size = grid.cell_size
+        tile._crs = grid.crs
+        tile._origin = (corner[0] + view.top, corner[1] + view.left)
+        tile._transform = None
+        if grid.transform is not None:
+            tile._transform = geodesy.shifted(grid.transform, tile._origin[1], tile._origin[0])
+        tile._core = (slice(0, shape[0]), slice(0, shape[1]))
+        return tile
+
     def __repr__(self) -> str:
         """Size, cell size and reference system."""
         dx, dy = self._cell_size
         name = "no CRS" if self._crs is None else self._crs.name
         return f"Terrain({self.shape[0]} x {self.shape[1]}, {dx:g} x {dy:g} m, {name})"
-
-
-def _checked_cell_size(cell_size: Any) -> tuple[float, float]:
-    try:
-        dx, dy = () if isinstance(cell_size, str | bytes) else tuple(cell_size)
-    except (TypeError, ValueError):
-        raise InputError("cell_size", "a pair of metres (dx, dy)", cell_size) from None
-    low, high = CELL_LIMITS
-    limit = f"between {low:g} and {high:g} m"
-    return real("cell_size", dx, limit, low, high), real("cell_size", dy, limit, low, high)
-
-
-def _checked_transform(transform: Any) -> "Affine | None":
-    if transform is None:
-        return None
-    from affine import Affine
-
-    try:
-        affine = Affine(*tuple(transform)[:6])
-    except (TypeError, ValueError):
-        raise InputError("transform", "an affine.Affine", transform) from None
-    a, b, _, d, e, _ = affine[:6]
-    if not all(math.isfinite(v) for v in affine[:6]) or not (a > 0.0 > e and b == 0.0 == d):
-        raise InputError("transform", "north-up, without rotation", tuple(affine[:6]))
-    return affine

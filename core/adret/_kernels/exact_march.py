@@ -77,16 +77,20 @@ def exact_at(z, row, column, along_row, along_column, limit, bend, observer, slo
 
 
 @parallel_kernel
-def exact_layer(z, first, along_row, along_column, limit, bend, observer, slope, distance):
-    """Exact horizon of whole rows from `first` on, one direction; outputs are float32 rows."""
+def exact_layer(z, first, left, along_row, along_column, limit, bend, observer, slope, distance):
+    """Exact horizon of rows from `first` and columns from `left` on, one direction.
+
+    Outputs are float32 rows.
+    """
     for i in prange(slope.shape[0]):
-        for c in range(slope.shape[1]):
+        for x in range(slope.shape[1]):
+            c = left + x
             if np.isnan(z[first + i, c]):
-                slope[i, c] = np.nan
-                distance[i, c] = np.nan
+                slope[i, x] = np.nan
+                distance[i, x] = np.nan
             else:
                 best, way = exact_horizon(
                     z, first + i, c, along_row, along_column, limit, bend, observer
                 )
-                slope[i, c] = best
-                distance[i, c] = way
+                slope[i, x] = best
+                distance[i, x] = way

@@ -189,7 +189,7 @@ def hull_sweep_within(
             for j in range(block):
                 begin = origin + j * pool
                 start = max(begin, 0)
-                stop = min(begin + pool, rows[1])
+                stop = min(begin + pool, z.shape[0] - pad[0])
                 pool_samples(
                     z, pad, t, anchor, first, width, start, stop, f, steps, heights[j], positions[j]
                 )
@@ -234,7 +234,7 @@ def hull_sweep_within(
                     best,
                     distance,
                 )
-                if stop == rows[1]:
+                if stop >= rows[1]:
                     break
             # The finished block becomes the tail; its positions now count from its own start.
             for j in range(block):

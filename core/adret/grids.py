@@ -1,0 +1,102 @@
+"""The raster that a terrain is, or was cut from: where its rows lie and how large its cells are."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from adret import geodesy
+from adret._values import real
+from adret.errors import InputError
+from adret.geodesy import Band
+
+if TYPE_CHECKING:
+    from affine import Affine
+    from pyproj import CRS
+
+__all__ = ["RasterGrid", "TerrainView", "checked_cell_size", "checked_transform"]
+
+CELL_LIMITS = (1e-6, 1e7)
+
+
+@dataclass(frozen=True, eq=False)
+class RasterGrid:
+    """Place and cell sizes of a whole raster, shared by all windows and tiles that are cut from it.
+
+    Everything that hangs on the latitude is asked here, in rows of the whole raster: a part of it
+    is then treated exactly as the whole is.
+
+    Attributes
+    ----------
+    crs : pyproj.CRS or None
+    transform : affine.Affine or None
+        North-up.
+    shape : (int, int)
+        Rows and columns.
+    cell_size : (float, float)
+        Ground width and height of a cell [m], at the middle row.
+    """
+
+    crs: "CRS | None"
+    transform: "Affine | None"
+    shape: tuple[int, int]
+    cell_size: tuple[float, float]
+
+    @cached_property
+    def azimuth_error(self) -> float:
+        """Largest azimuth error in the raster [radians] from one cell size for all rows."""
+        return self.azimuth_error_of(0, self.shape[0])
+
+    def azimuth_error_of(self, start: int, stop: int) -> float:
+        """As `azimuth_error`, in rows start..stop."""
+        if self._rows is None:
+            return 0.0
+        return self._rows.azimuth_error(self.cell_size, start, stop)
+
+    def bands(self, start: int, stop: int, limit: float) -> list[Band]:
+        """Bands of rows start..stop whose azimuth error stays below `limit` [radians]."""
+        if self._rows is None or self.azimuth_error <= limit:
+            return [Band(start, stop, self.cell_size)]
+        return self._rows.bands(start, stop, limit)
+
+    @cached_property
+    def _rows(self) -> geodesy.RowWiseGrid | None:
+        return geodesy.row_wise_grid(self.crs, self.transform, self.shape)
+
+
+class TerrainView(NamedTuple):
+    """Heights [m above the datum] that a terrain sees, and the row and column where it begins."""
+
+    heights: NDArray[np.float32]
+    top: int
+    left: int
+
+
+def checked_cell_size(cell_size: Any) -> tuple[float, float]:
+    """A pair of metres as numbers in range."""
+    try:
+        dx, dy = () if isinstance(cell_size, str | bytes) else tuple(cell_size)
+    except (TypeError, ValueError):
+        raise InputError("cell_size", "a pair of metres (dx, dy)", cell_size) from None
+    low, high = CELL_LIMITS
+    limit = f"between {low:g} and {high:g} m"
+    return real("cell_size", dx, limit, low, high), real("cell_size", dy, limit, low, high)
+
+
+def checked_transform(transform: Any) -> "Affine | None":
+    """A north-up geotransform, or None."""
+    if transform is None:
+        return None
+    from affine import Affine
+
+    try:
+        affine = Affine(*tuple(transform)[:6])
+    except (TypeError, ValueError):
+        raise InputError("transform", "an affine.Affine", transform) from None
+    a, b, _, d, e, _ = affine[:6]
+    if not all(math.isfinite(v) for v in affine[:6]) or not (a > 0.0 > e and b == 0.0 == d):
+        raise InputError("transform", "north-up, without rotation", tuple(affine[:6]))
+    return affine

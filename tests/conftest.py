@@ -1,6 +1,7 @@
 """What every test can ask for: the data folder, example files, reproducible random cases."""
 
 import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,9 @@ settings.register_profile(
     "search", settings.get_profile("repeatable"), derandomize=False, max_examples=2000
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
+
+# A shell that starts the tests in the background has children ignore Ctrl-C, which some tests send.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

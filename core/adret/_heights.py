@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from adret._values import real
 from adret.errors import InputError
 
-__all__ = ["MAX_HEIGHT", "above_datum", "checked_array"]
+__all__ = ["MAX_HEIGHT", "above_datum", "check_range", "checked_array", "middle"]
 
 MAX_HEIGHT = 1e9
 _BLOCK = 1 << 22
@@ -53,16 +53,9 @@ def above_datum(
         block = metres(rows)
         low = min(low, float(np.fmin.reduce(block, axis=None, initial=math.inf)))
         high = max(high, float(np.fmax.reduce(block, axis=None, initial=-math.inf)))
-        if (block == math.inf).any():
-            raise InputError("heights", "finite or NaN", math.inf)
-    if math.isinf(low) and low > 0.0:
-        raise InputError("heights", "a number in at least one cell", "all nodata")
-    for value in (low, high):
-        if not abs(value) <= MAX_HEIGHT:
-            limit = f"within +-{MAX_HEIGHT:g} m (is a nodata value undeclared?)"
-            raise InputError("heights", "finite or NaN" if math.isinf(value) else limit, value)
+    check_range(low, high)
     if datum is None:
-        datum = float(round(low / 2.0 + high / 2.0))
+        datum = middle(low, high)
     else:
         limit = f"a height within +-{MAX_HEIGHT:g} m"
         datum = real("datum", datum, limit, -MAX_HEIGHT, MAX_HEIGHT)
@@ -71,3 +64,20 @@ def above_datum(
         np.subtract(metres(rows), float(datum), out=heights[rows], casting="same_kind")
     heights.setflags(write=False)
     return heights, float(datum)
+
+
+def check_range(low: float, high: float) -> None:
+    """Refuse heights from `low` to `high` [m] that are infinite, too large, or not there at all."""
+    if high == math.inf:
+        raise InputError("heights", "finite or NaN", math.inf)
+    if math.isinf(low) and low > 0.0:
+        raise InputError("heights", "a number in at least one cell", "all nodata")
+    for value in (low, high):
+        if not abs(value) <= MAX_HEIGHT:
+            limit = f"within +-{MAX_HEIGHT:g} m (is a nodata value undeclared?)"
+            raise InputError("heights", "finite or NaN" if math.isinf(value) else limit, value)
+
+
+def middle(low: float, high: float) -> float:
+    """The datum of a raster: the middle of its range of heights, in whole metres."""
+    return float(round(low / 2.0 + high / 2.0))

@@ -18,9 +18,10 @@ from adret._gdal import GDAL_OPTIONS, PathLike, atomic, check_output
 from adret.errors import InputError
 
 if TYPE_CHECKING:
+    from adret.grids import RasterGrid
     from adret.terrain import Terrain
 
-__all__ = ["PixelGrid", "write"]
+__all__ = ["PixelGrid", "write", "write_windows"]
 
 BLOCK = 512
 # Layers beyond this many bytes pass through a file beside the output instead of memory.
@@ -109,14 +110,78 @@ def write(
     ...     out, layer = f"{folder}/one.tif", np.ones((4, 5), "f4")
     ...     write(out, layer, terrain, names=["one"], unit="1", tags={})
     """
+    target = check_output(path, overwrite=overwrite)
+    encode = encoder(dtype, scale, offset, nodata)
+
+    def fill(dataset: Any) -> None:
+        for index, layer in _in_order(layers, len(names), terrain.shape, progress):
+            dataset.write(encode(layer), index + 1)
+
+    size = terrain.shape[0] * terrain.shape[1] * len(names) * np.dtype(dtype).itemsize
+    about = (names, unit, tags, scale, offset)
+    _write(target, fill, terrain, about, dtype, nodata, overviews, resampling, size <= IN_MEMORY)
+
+
+def write_windows(
+    path: PathLike,
+    windows: Iterable[tuple[tuple[int, int], tuple[int, int], NDArray[Any]]],
+    terrain: "Terrain | PixelGrid | RasterGrid",
+    *,
+    names: Sequence[str],
+    unit: str,
+    tags: Mapping[str, str],
+    nodata: float = math.nan,
+    dtype: str = "float32",
+    scale: float | None = None,
+    offset: float | None = None,
+    resampling: str = "average",
+    overwrite: bool = True,
+) -> None:
+    """Write the file that `write` would, from windows that cover it, in bounded memory.
+
+    Parameters
+    ----------
+    path : path-like
+        Where the file goes; it appears under this name only when it is whole.
+    windows : iterable
+        Rows, columns and stored numbers, shape (bands, rows, columns) and of type `dtype`.
+    terrain, names, unit, tags, nodata, dtype, scale, offset, resampling, overwrite
+        As for `write`.
+
+    Raises
+    ------
+    RasterError, OSError
+        As for `write`.
+    """
+    target = check_output(path, overwrite=overwrite)
+
+    def fill(dataset: Any) -> None:
+        for rows, columns, numbers in windows:
+            dataset.write(numbers, window=(rows, columns))
+
+    about = (names, unit, tags, scale, offset)
+    _write(target, fill, terrain, about, dtype, nodata, True, resampling, False)
+
+
+def _write(
+    target: Path,
+    fill: Callable[[Any], None],
+    terrain: "Terrain | PixelGrid | RasterGrid",
+    about: tuple[Sequence[str], str, Mapping[str, str], float | None, float | None],
+    dtype: str,
+    nodata: float,
+    overviews: bool,
+    resampling: str,
+    in_memory: bool,
+) -> None:
+    """Fill a dataset, add overviews, copy it in the order that the cloud wants, and check it."""
     import rasterio
     from rasterio import shutil
     from rasterio._err import CPLE_BaseError  # copying lets it through as it is
     from rasterio.errors import RasterioError
 
-    target = check_output(path, overwrite=overwrite)
-    encode = _encoder(dtype, scale, offset, nodata)
     rows, columns = terrain.shape
+    count = len(about[0])
     creation: dict[str, Any] = {
         "driver": "GTiff",
         "tiled": True,
@@ -127,41 +192,40 @@ def write(
         "zstd_level": 1,
         "predictor": 3 if dtype == "float32" else 2,
         "bigtiff": "if_safer",
+        "photometric": "minisblack",  # three layers of codes are no colours
         "num_threads": "all_cpus",
     }
     profile = {
         "height": rows,
         "width": columns,
-        "count": len(names),
+        "count": count,
         "dtype": dtype,
         "nodata": nodata,
         "crs": None if terrain.crs is None else terrain.crs.to_wkt(),
         "transform": _transform(terrain),
     }
-    in_memory = rows * columns * len(names) * np.dtype(dtype).itemsize <= IN_MEMORY
     try:
         with atomic(target) as unfinished, rasterio.Env(**GDAL_OPTIONS):
             middle = Path("layers") if in_memory else unfinished.parent / "layers.tif"
             options = {"driver": "MEM"} if in_memory else creation
             with rasterio.open(middle, "w+", **options, **profile) as dataset:
-                _describe(dataset, names, unit, tags, scale, offset)
-                for index, layer in _in_order(layers, len(names), terrain.shape, progress):
-                    dataset.write(encode(layer), index + 1)
+                describe(dataset, *about)
+                fill(dataset)
                 factors = _overview_factors(terrain.shape) if overviews else []
-                if factors:
-                    dataset.build_overviews(factors, rasterio.enums.Resampling[resampling])
+                for factor in factors:  # one by one: each is then made of the cells themselves
+                    dataset.build_overviews([factor], rasterio.enums.Resampling[resampling])
                 creation["copy_src_overviews"] = bool(factors)
                 if in_memory:
                     _copy_by_memory(dataset, unfinished, creation)
                 else:
                     shutil.copy(dataset, str(unfinished), **creation)
-            _check_whole(unfinished, terrain.shape, len(names))
+            _check_whole(unfinished, terrain.shape, count)
     except (RasterioError, CPLE_BaseError) as error:
         if isinstance(error, OSError) and error.errno:
             raise
         full = disk_usage(target.parent).free < LITTLE_ROOM
         code = errno.ENOSPC if full else errno.EIO
-        raise OSError(code, " ".join(str(error).split()), str(path)) from error
+        raise OSError(code, " ".join(str(error).split()), str(target)) from error
 
 
 def _copy_by_memory(dataset: Any, path: Path, creation: dict[str, Any]) -> None:
@@ -174,7 +238,7 @@ def _copy_by_memory(dataset: Any, path: Path, creation: dict[str, Any]) -> None:
         path.write_bytes(memory.getbuffer())
 
 
-def _describe(
+def describe(
     dataset: Any,
     names: Sequence[str],
     unit: str,
@@ -182,6 +246,7 @@ def _describe(
     scale: float | None,
     offset: float | None,
 ) -> None:
+    """Say in an open dataset what its bands hold."""
     count = len(names)
     dataset.descriptions = tuple(names)
     dataset.units = (unit,) * count
@@ -214,7 +279,7 @@ def _in_order(
         raise InputError("layers", f"one a name ({count})", len(seen))
 
 
-def _encoder(
+def encoder(
     dtype: str, scale: float | None, offset: float | None, nodata: float
 ) -> Callable[[NDArray[Any]], NDArray[Any]]:
     """The function from values to stored numbers."""
@@ -241,7 +306,7 @@ def _encoder(
     return encode
 
 
-def _transform(terrain: "Terrain | PixelGrid") -> Any:
+def _transform(terrain: "Terrain | PixelGrid | RasterGrid") -> Any:
     if terrain.transform is not None:
         return terrain.transform
     from affine import Affine

@@ -14,6 +14,7 @@ from adret._kernels.frames import to_elevation
 from adret._values import one_of, real, whole
 from adret.azimuths import azimuth_set
 from adret.errors import InputError
+from adret.grids import RasterGrid
 from adret.report import RunReport, remember
 from adret.terrain import Terrain
 
@@ -89,9 +90,16 @@ class HorizonOptions:
         InputError
             If `max_distance` is None: then a result may depend on the whole raster.
         """
+        top, rows = terrain.origin[0], terrain.shape[0]
+        return self.halo_of(terrain.grid, top, top + rows)
+
+    def halo_of(self, grid: RasterGrid, start: int, stop: int) -> int:
+        """As `halo`, for receivers in rows start..stop of a raster."""
         if self.max_distance is None:
             raise InputError("max_distance", "a distance, to know a halo", None)
-        return math.ceil(self.max_distance / methods.smallest_cell(terrain)) + methods.POOL + 1
+        bands = grid.bands(start, stop, methods.MAX_AZIMUTH_ERROR)
+        smallest = min(min(band.cell_size) for band in bands)
+        return math.ceil(self.max_distance / smallest) + methods.POOL + 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,9 @@ import math
 import operator
 import os
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +28,10 @@ if TYPE_CHECKING:
 __all__ = [
     "GDAL_OPTIONS",
     "HeightGrid",
+    "HeightHeader",
     "ReadLimits",
     "check_numbers",
+    "open_header",
     "open_heights",
     "preview",
     "sniff_driver",
@@ -36,6 +39,7 @@ __all__ = [
 ]
 
 
+T = TypeVar("T")
 _NUMBER_BYTES = b"0123456789+-.,eE \t\r\nnaNAifIF"
 _GRID_KEYS = (b"ncols", b"nrows", b"xll", b"yll", b"cellsize", b"dx", b"dy", b"nodata_value")
 
@@ -68,6 +72,18 @@ class HeightGrid:
     transform: "Affine | None"
     cell_size: tuple[float, float]
     vertical_unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class HeightHeader:
+    """What a file says about its heights before any of them is read."""
+
+    shape: tuple[int, int]
+    crs: "CRS | None"
+    transform: "Affine | None"
+    cell_size: tuple[float, float]
+    vertical_unit: str
+    item_size: int
 
 
 def check_numbers(path: PathLike, field: str = "path") -> None:
@@ -123,6 +139,40 @@ def open_heights(
     RasterError
         If the file cannot be used; the message names what is wrong with it.
     """
+    settings = (band, vertical_unit, cell_size, limits or ReadLimits())
+    return _opened(path, lambda source: _read(source, window, *settings))
+
+
+def open_header(
+    path: PathLike,
+    band: int = 1,
+    *,
+    vertical_unit: str | None = None,
+    cell_size: tuple[float, float] | None = None,
+) -> HeightHeader:
+    """Read what `open_heights` says about a file's place and unit, and none of its heights.
+
+    Raises
+    ------
+    RasterError
+        If the file cannot be used; the message names what is wrong with it.
+    """
+
+    def header(source: Any) -> HeightHeader:
+        shape, crs, transform, _ = _checked(source, band, cell_size, ReadLimits())
+        unit, _ = _vertical(source, band, crs, vertical_unit)
+        size = cell_size
+        if size is None:
+            assert transform is not None
+            size = geodesy.cell_size(crs, transform, shape)
+        item = np.dtype(source.dtypes[band - 1]).itemsize
+        return HeightHeader(shape, crs, transform, size, unit, item)
+
+    return _opened(path, header)
+
+
+def _opened(path: PathLike, read: Callable[[Any], T]) -> T:
+    """What `read` makes of the open file."""
     import rasterio
     from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
@@ -134,31 +184,36 @@ def open_heights(
             # Said by our own error, with what to do about it.
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             with rasterio.open(absolute, driver=driver) as source:
-                return _read(source, band, window, vertical_unit, cell_size, limits or ReadLimits())
+                return read(source)
     except RasterioError as error:
         reason = " ".join(str(error).replace(absolute, os.fspath(path)).split())
         raise RasterError("path", f"a readable {driver} file ({reason})", os.fspath(path)) from None
 
 
+def _checked(
+    source: Any, band: int, cell_size: tuple[float, float] | None, limits: ReadLimits
+) -> tuple[tuple[int, int], "CRS | None", "Affine | None", bool]:
+    """Shape and place of a file that may be read, and if it is south-up."""
+    if not isinstance(band, int | np.integer) or isinstance(band, bool):
+        raise InputError("band", "a whole number", band)
+    if not 1 <= band <= source.count:
+        raise RasterError("band", f"between 1 and {source.count}", band)
+    shape = (int(source.height), int(source.width))
+    _check_sizes(source, band, str(source.dtypes[band - 1]), shape, limits)
+    return shape, *_georeference(source, shape, cell_size)
+
+
 def _read(
     source: Any,
-    band: int,
     window: tuple[Any, Any] | None,
+    band: int,
     vertical_unit: str | None,
     cell_size: tuple[float, float] | None,
     limits: ReadLimits,
 ) -> HeightGrid:
     from rasterio.windows import Window
 
-    if not isinstance(band, int | np.integer) or isinstance(band, bool):
-        raise InputError("band", "a whole number", band)
-    if not 1 <= band <= source.count:
-        raise RasterError("band", f"between 1 and {source.count}", band)
-    shape = (int(source.height), int(source.width))
-    dtype = str(source.dtypes[band - 1])
-    _check_sizes(source, band, dtype, shape, limits)
-    crs, transform, south_up = _georeference(source, shape, cell_size)
-
+    shape, crs, transform, south_up = _checked(source, band, cell_size, limits)
     rows, columns = read_window(window, shape)
     count = (rows[1] - rows[0]) * (columns[1] - columns[0])
     if count > limits.max_pixels:

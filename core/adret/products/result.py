@@ -111,8 +111,8 @@ def tags_of(
             tags["ADRET_NEAR"] = str(NEAR_DEFAULT if parameters.near is None else parameters.near)
     if isinstance(parameters, RoundParameters):
         tags["ADRET_DIRECTIONS"] = str(parameters.directions)
-    if terrain.azimuth_error > 0.0:
-        error = np.degrees(min(terrain.azimuth_error, MAX_AZIMUTH_ERROR))
+    if terrain.grid.azimuth_error > 0.0:
+        error = np.degrees(min(terrain.grid.azimuth_error, MAX_AZIMUTH_ERROR))
         tags["ADRET_AZIMUTH_ERROR"] = f"at most {error:.4f} deg"
     return tags
 

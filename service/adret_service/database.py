@@ -1,4 +1,4 @@
-"""The database: two tables of ours beside the queue's own, in one file or one server."""
+"""The database: a few tables of ours beside the queue's own, in one file or one server."""
 
 import logging
 import time
@@ -11,13 +11,24 @@ from sqlalchemy.exc import OperationalError
 
 from adret_service.settings import Settings
 
-__all__ = ["datasets", "events", "jobs", "keys", "open_database", "persist", "usage"]
+__all__ = [
+    "callbacks",
+    "datasets",
+    "events",
+    "jobs",
+    "keys",
+    "open_database",
+    "persist",
+    "tally",
+    "usage",
+]
 
 log = logging.getLogger("adret.service")
 
 T = TypeVar("T")
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+CHANGES = {1: ("ALTER TABLE adret_jobs ADD COLUMN request JSON",)}  # from a version to the next
 
 tables = sa.MetaData()
 
@@ -40,6 +51,26 @@ jobs = sa.Table(
     sa.Column("updated", sa.Float, nullable=False),
     sa.Column("finished", sa.Float, nullable=True),
     sa.Column("revivals", sa.Integer, nullable=False),
+    sa.Column("request", sa.JSON(none_as_null=True), nullable=True),
+)
+
+callbacks = sa.Table(
+    "adret_callbacks",
+    tables,
+    sa.Column("job", sa.String(26), primary_key=True),
+    sa.Column("kind", sa.String(16), primary_key=True),
+    sa.Column("due", sa.Float, nullable=False, index=True),
+    sa.Column("attempts", sa.Integer, nullable=False),
+)
+
+tally = sa.Table(
+    "adret_tally",
+    tables,
+    sa.Column("process", sa.String(64), primary_key=True),
+    sa.Column("status", sa.String(16), primary_key=True),
+    sa.Column("jobs", sa.BigInteger, nullable=False),
+    sa.Column("waited", sa.Float, nullable=False),
+    sa.Column("ran", sa.Float, nullable=False),
 )
 
 datasets = sa.Table(
@@ -137,7 +168,12 @@ def _create_tables(engine: sa.Engine) -> None:
         found = connection.execute(sa.select(meta.c.schema_version)).scalar()
         if found is None:
             connection.execute(meta.insert().values(schema_version=SCHEMA_VERSION))
-        elif found != SCHEMA_VERSION:
+        while found in CHANGES:
+            for change in CHANGES[found]:
+                connection.exec_driver_sql(change)
+            found += 1
+            connection.execute(meta.update().values(schema_version=found))
+        if found not in (None, SCHEMA_VERSION):
             raise RuntimeError(
                 f"database schema: must be version {SCHEMA_VERSION}, got {found}; "
                 "finish the jobs with the release that wrote it, then start with a new data_dir"

@@ -481,3 +481,27 @@ def test_events_are_told_again_from_where_a_client_was(
     body = problem(client.get(f"/jobs/{job}/events", headers={"Last-Event-ID": "x"}), 400)
     assert body["errors"][0]["field"] == "Last-Event-ID"
     problem(client.get(f"/jobs/{new_id()}/events"), 404)
+
+
+def test_jobs_are_listed_by_several_states_and_times(
+    client: AppClient, engine: MemoryEngine, known: str
+) -> None:
+    names = ("shadow", "horizon", "openness")
+    ids = [order(client, name, dataset=known).json()["jobID"] for name in names]
+    listed = client.get("/jobs?processID=shadow,horizon").json()["jobs"]
+    assert {job["jobID"] for job in listed} == set(ids[:2])
+    both = client.get("/jobs?status=accepted&status=running&type=process").json()
+    assert ids[0] in [job["jobID"] for job in both["jobs"]]
+    assert "status=accepted&status=running" in both["links"][0]["href"]
+    created = client.get(f"/jobs/{ids[0]}").json()["created"]
+    since = client.get(f"/jobs?datetime={created}/..").json()["jobs"]
+    assert ids[0] in [job["jobID"] for job in since]
+    assert client.get("/jobs?datetime=../1999-12-31T23:59:59Z").json()["jobs"] == []
+    assert client.get("/jobs?minDuration=0").json()["jobs"] == []
+    engine.begin(ids[0])
+    ran = client.get("/jobs?minDuration=0&maxDuration=60").json()["jobs"]
+    assert [job["jobID"] for job in ran] == ids[:1]
+    for wrong in ("yesterday", "2026-01-01", "../..", "2026-01-02T00:00:00Z/2026-01-01T00:00:00Z"):
+        assert problem(client.get(f"/jobs?datetime={wrong}"), 400)["errors"][0]["value"] == wrong
+    problem(client.get("/jobs?minDuration=-1"), 400)
+    problem(client.get("/jobs?type=coverage"), 400)

@@ -22,6 +22,7 @@ from adret_service.engine.durable import DurableEngine, Reaper
 from adret_service.engine.liveness import Lease, is_dead, live, only_one, sweep_scratch
 from adret_service.engine.memory import MemoryEngine
 from adret_service.engine.port import (
+    JobFilter,
     JobRecord,
     JobStatus,
     KeyReused,
@@ -266,11 +267,20 @@ def test_lists_are_newest_first_and_filtered(engine: Engine) -> None:
     assert [record.id for record in engine.list("t")] == ids
     assert [record.id for record in engine.list("t", limit=2)] == ids[:2]
     assert [record.id for record in engine.list("t", before=ids[1])] == ids[2:]
-    assert {record.process for record in engine.list("t", process="q")} == {"q"}
+    of_q = JobFilter(processes=frozenset({"q"}))
+    assert {record.process for record in engine.list("t", of_q)} == {"q"}
     engine.cancel(ids[0], "t")
-    assert [r.id for r in engine.list("t", status=JobStatus.DISMISSED)] == ids[:1]
+    ended = JobFilter(statuses=frozenset({JobStatus.DISMISSED, JobStatus.FAILED}))
+    assert [record.id for record in engine.list("t", ended)] == ids[:1]
+    later = JobFilter(created=(made[1].created, None))
+    assert {record.id for record in engine.list("t", later)} == {r.id for r in made[1:]}
+    assert engine.list("t", JobFilter(created=(None, made[0].created - 1.0))) == []
+    assert engine.list("t", JobFilter(seconds=(0.0, None))) == []
+    engine.begin(ids[1])
+    assert [record.id for record in engine.list("t", JobFilter(seconds=(0.0, 60.0)))] == [ids[1]]
+    assert engine.list("t", JobFilter(seconds=(60.0, None))) == []
     assert engine.list("other") == []
-    assert engine.health().waiting == 3
+    assert engine.health().waiting == 2
 
 
 def test_an_accepted_job_survives_the_engine(settings: Settings, durable: DurableEngine) -> None:
@@ -464,3 +474,23 @@ def test_nothing_in_the_database_is_pickled(durable: DurableEngine) -> None:
         query = f"SELECT inputs FROM {schema}workflow_input"
         inputs = connection.exec_driver_sql(query).scalars().all()
     assert [set(json.loads(text)) for text in inputs] == [{"positionalArgs", "namedArgs"}]
+
+
+@pytest.mark.parametrize("database", DATABASES)
+def test_jobs_of_the_first_release_are_kept_and_finished(
+    database: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    settings = settings_on(database, request, tmp_path)
+    with engine_on(settings) as engine:
+        old = engine.submit(job())
+        with engine.database.begin() as connection:
+            connection.exec_driver_sql("ALTER TABLE adret_jobs DROP COLUMN request")
+            connection.exec_driver_sql("DROP TABLE adret_callbacks")
+            connection.exec_driver_sql("DROP TABLE adret_tally")
+            connection.exec_driver_sql("UPDATE adret_meta SET schema_version = 1")
+    newer = DurableEngine(settings)
+    found = newer.begin(old.id)
+    assert found is not None
+    assert (found.inputs, found.request) == (old.inputs, {})
+    assert newer.succeed(old.id)
+    newer.close()

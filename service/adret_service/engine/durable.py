@@ -89,6 +89,7 @@ class DurableEngine(SqlLedger):
             inputs=job.inputs,
             created=now,
             updated=now,
+            request=job.request,
         )
         try:
             with self.database.begin() as connection:

@@ -1,16 +1,18 @@
 """The jobs table: every change of a job's state is one guarded UPDATE."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
-from adret_service.database import datasets, events, jobs, keys, usage
+from adret_service.database import callbacks, datasets, events, jobs, keys, tally, usage
 from adret_service.engine.port import (
+    EVERY_JOB,
     FINISHED,
     JobEvent,
+    JobFilter,
     JobRecord,
     JobStatus,
     KeyReused,
@@ -24,6 +26,13 @@ __all__ = ["OPEN", "SqlLedger"]
 PAGE = 1000  # events that are returned at once
 DAY = 86_400.0
 
+PROGRESS_PAUSE = 5.0  # seconds between two callbacks about progress
+CALLBACKS = {
+    "successful": "success",
+    "failed": "failed",
+    "dismissed": "failed",
+}  # by status; every other change is "inProgress"
+
 OPEN = jobs.c.status.notin_([str(status) for status in FINISHED])
 
 
@@ -31,7 +40,22 @@ def to_record(row: Any) -> JobRecord:
     """Turn a row into a record."""
     fields = dict(row._mapping)
     fields["status"] = JobStatus(fields["status"])
+    fields["request"] = fields["request"] or {}
     return JobRecord(**fields)
+
+
+def _conditions(shown: JobFilter) -> Iterator[sa.ColumnElement[bool]]:
+    """What `JobFilter.shows` says, for the database."""
+    if shown.statuses:
+        yield jobs.c.status.in_([str(status) for status in shown.statuses])
+    if shown.processes:
+        yield jobs.c.process.in_(list(shown.processes))
+    ran = sa.func.coalesce(jobs.c.finished, time.time()) - jobs.c.started
+    for value, (least, largest) in ((jobs.c.created, shown.created), (ran, shown.seconds)):
+        if least is not None:
+            yield value >= least
+        if largest is not None:
+            yield value <= largest
 
 
 class SqlLedger:
@@ -54,18 +78,13 @@ class SqlLedger:
     def list(
         self,
         tenant: str,
+        shown: JobFilter = EVERY_JOB,
         *,
-        status: JobStatus | None = None,
-        process: str | None = None,
         limit: int = 100,
         before: str | None = None,
     ) -> list[JobRecord]:
         """Return the tenant's jobs, newest first."""
-        query = sa.select(jobs).where(jobs.c.tenant == tenant)
-        if status is not None:
-            query = query.where(jobs.c.status == str(status))
-        if process is not None:
-            query = query.where(jobs.c.process == process)
+        query = sa.select(jobs).where(jobs.c.tenant == tenant, *_conditions(shown))
         if before is not None:
             query = query.where(jobs.c.id < before)
         with self.database.connect() as connection:
@@ -146,8 +165,9 @@ class SqlLedger:
         )
         fields = {column.name: getattr(job, column.name) for column in jobs.columns}
         fields |= {"status": str(job.status), "inputs": dict(job.inputs)}
+        fields["request"] = dict(job.request) or None
         connection.execute(jobs.insert().values(**fields))
-        if connection.execute(dataset.with_for_update(read=True)).first() is None:
+        if job.dataset and connection.execute(dataset.with_for_update(read=True)).first() is None:
             raise LookupError(job.dataset)
         self._tell(connection, job.id, "status", status=str(job.status), message=job.message)
 
@@ -162,7 +182,9 @@ class SqlLedger:
         statement = (
             jobs.update()
             .where(jobs.c.id == job_id, jobs.c.tenant == tenant, jobs.c.status.in_(ended))
-            .values(**values, error=None, finished=None, revivals=0, updated=time.time())
+            .values(
+                **values, error=None, started=None, finished=None, revivals=0, updated=time.time()
+            )
         )
         if connection.execute(statement).rowcount != 1:
             return False
@@ -205,6 +227,7 @@ class SqlLedger:
                 return False
             connection.execute(events.delete().where(events.c.job == job_id))
             connection.execute(keys.delete().where(keys.c.job == job_id))
+            connection.execute(callbacks.delete().where(callbacks.c.job == job_id))
         return True
 
     def count(self, status: JobStatus) -> int:
@@ -279,7 +302,35 @@ class SqlLedger:
             told = {k: v for k, v in values.items() if k in ("status", "progress", "message")}
             kind = "status" if "status" in told else "progress" if "progress" in told else "log"
             self._tell(connection, job_id, kind, **told)
+            if kind != "log":
+                self._follow_up(connection, job_id, values.get("status"))
         return True
+
+    def _follow_up(self, connection: sa.Connection, job_id: str, status: str | None) -> None:
+        """Order the callback of a change, and count a job that has ended."""
+        columns = (jobs.c.process, jobs.c.request, jobs.c.created, jobs.c.started, jobs.c.finished)
+        job = connection.execute(sa.select(*columns).where(jobs.c.id == job_id)).one()
+        upsert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+        subscriber = (job.request or {}).get("subscriber") or {}
+        kind = CALLBACKS.get(status or "", "inProgress")
+        if f"{kind}Uri" in subscriber:
+            due = time.time() + (PROGRESS_PAUSE if status is None else 0.0)
+            row = {"job": job_id, "kind": kind, "due": due, "attempts": 0}
+            connection.execute(upsert(callbacks).values(**row).on_conflict_do_nothing())
+        if job.finished is None:
+            return
+        began = job.finished if job.started is None else job.started
+        row = {
+            "jobs": 1,
+            "waited": max(began - job.created, 0.0),
+            "ran": max(job.finished - began, 0.0),
+        }
+        added = {name: tally.c[name] + value for name, value in row.items()}
+        connection.execute(
+            upsert(tally)
+            .values(process=job.process, status=status, **row)
+            .on_conflict_do_update(index_elements=["process", "status"], set_=added)
+        )
 
     def _tell(self, connection: sa.Connection, job_id: str, kind: str, **body: Any) -> None:
         row = {"job": job_id, "at": time.time(), "kind": kind, "body": body}

@@ -7,8 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 from adret_service.engine.port import (
+    EVERY_JOB,
     EngineHealth,
     JobEvent,
+    JobFilter,
     JobRecord,
     JobStatus,
     KeyReused,
@@ -78,6 +80,7 @@ class MemoryEngine:
                 job,
                 status=JobStatus.ACCEPTED,
                 error=None,
+                started=None,
                 finished=None,
                 revivals=0,
                 updated=time.time(),
@@ -103,19 +106,18 @@ class MemoryEngine:
     def list(
         self,
         tenant: str,
+        shown: JobFilter = EVERY_JOB,
         *,
-        status: JobStatus | None = None,
-        process: str | None = None,
         limit: int = 100,
         before: str | None = None,
     ) -> list[JobRecord]:
         """Return the tenant's jobs, newest first."""
+        now = time.time()
         found = [
             job
             for job in sorted(self._jobs.values(), key=lambda job: job.id, reverse=True)
             if job.tenant == tenant
-            and (status is None or job.status == status)
-            and (process is None or job.process == process)
+            and shown.shows(job, now)
             and (before is None or job.id < before)
         ]
         return found[:limit]

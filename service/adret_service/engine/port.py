@@ -6,10 +6,12 @@ from enum import StrEnum
 from typing import Any, Protocol
 
 __all__ = [
+    "EVERY_JOB",
     "FINISHED",
     "EngineHealth",
     "JobEngine",
     "JobEvent",
+    "JobFilter",
     "JobLedger",
     "JobRecord",
     "JobStatus",
@@ -51,11 +53,48 @@ class JobRecord:
     updated: float = 0.0
     finished: float | None = None
     revivals: int = 0
+    request: Mapping[str, Any] = field(default_factory=dict)  # how it was ordered; see orders.py
 
     @property
     def is_finished(self) -> bool:
         """Whether the job has reached its last state."""
         return self.status in FINISHED
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobFilter:
+    """Which jobs a list is to show; what is empty or None shows all.
+
+    `created` are Unix seconds from and to; `seconds` are the least and the largest time that a job
+    has run, and only jobs that have begun have one.
+    """
+
+    statuses: frozenset[JobStatus] = frozenset()
+    processes: frozenset[str] = frozenset()
+    created: tuple[float | None, float | None] = (None, None)
+    seconds: tuple[float | None, float | None] = (None, None)
+
+    def shows(self, job: JobRecord, now: float) -> bool:
+        """Whether the list shows this job."""
+        if self.statuses and job.status not in self.statuses:
+            return False
+        if self.processes and job.process not in self.processes:
+            return False
+        if not _within(job.created, self.created):
+            return False
+        if self.seconds == (None, None):
+            return True
+        if job.started is None:
+            return False
+        return _within((job.finished or now) - job.started, self.seconds)
+
+
+def _within(value: float, limits: tuple[float | None, float | None]) -> bool:
+    least, largest = limits
+    return (least is None or value >= least) and (largest is None or value <= largest)
+
+
+EVERY_JOB = JobFilter()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,9 +172,8 @@ class JobEngine(Protocol):
     def list(
         self,
         tenant: str,
+        shown: JobFilter = EVERY_JOB,
         *,
-        status: JobStatus | None = None,
-        process: str | None = None,
         limit: int = 100,
         before: str | None = None,
     ) -> list[JobRecord]:

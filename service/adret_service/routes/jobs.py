@@ -2,9 +2,9 @@
 
 import math
 import time
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Request, Response
 
 from adret_service.artefacts import serve_artefact
 from adret_service.context import BaseUrl, Service, ServiceDep, Tenant
@@ -12,6 +12,7 @@ from adret_service.datasets import timestamp
 from adret_service.documents import ResultReference, StatusInfo, StatusList
 from adret_service.engine.port import JobRecord, JobStatus
 from adret_service.ids import is_id
+from adret_service.listing import Shown
 from adret_service.paging import Before, Limit, page_links
 from adret_service.problems import NO_SUCH_JOB, RESULT_NOT_READY, FieldError, Problem
 from adret_service.storage import Artefact
@@ -34,22 +35,16 @@ def list_jobs(
     service: ServiceDep,
     tenant: Tenant,
     base: BaseUrl,
-    status: JobStatus | None = None,
-    process: Annotated[str | None, Query(alias="processID", max_length=64)] = None,
-    kind: Annotated[Literal["process"] | None, Query(alias="type")] = None,
+    query: Shown,
     limit: Limit = 100,
     before: Before = None,
 ) -> dict[str, Any]:
     """List jobs, newest first."""
-    found = service.engine.list(
-        tenant, status=status, process=process, limit=limit + 1, before=before
-    )
+    found = service.engine.list(tenant, query.shown, limit=limit + 1, before=before)
     ids = [job.id for job in found]
     return {
         "jobs": [status_info(job, base) for job in found[:limit]],
-        "links": page_links(
-            f"{base}/jobs", limit, ids, status=status, processID=process, type=kind
-        ),
+        "links": page_links(f"{base}/jobs", limit, ids, **query.again),
     }
 
 

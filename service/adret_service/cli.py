@@ -1,4 +1,4 @@
-"""Commands that the service adds to ``adret``: serve, worker, keys and submit."""
+"""Commands that run a service: serve, worker and keys."""
 
 import ipaddress
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-__all__ = ["add_serve", "add_submit", "add_worker"]
+__all__ = ["add_keys", "add_serve", "add_worker"]
 
 
 def add_serve(app: typer.Typer) -> None:
@@ -22,11 +22,6 @@ def add_worker(app: typer.Typer) -> None:
 def add_keys(app: typer.Typer) -> None:
     """Add ``adret keys``."""
     app.command()(keys)
-
-
-def add_submit(app: typer.Typer) -> None:
-    """Add ``adret submit``."""
-    app.command()(submit)
 
 
 def serve(
@@ -91,40 +86,6 @@ def keys(
     elif remove is None:
         for entry in read_keys(path):
             typer.echo(f"{entry['id']} {entry['tenant']} {','.join(entry['scopes'])}")
-
-
-def submit(
-    dem: Annotated[Path, typer.Argument(help="Elevation raster or depth buffer to send.")],
-    process: Annotated[str, typer.Option(help="horizon, sky-view, light, viewshed, ssao, ...")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="GeoTIFF to write.")],
-    directions: Annotated[int | None, typer.Option(help="Number of azimuths.")] = None,
-    option: Annotated[
-        list[str] | None,
-        typer.Option("--input", "-i", help="Another input of the process, as name=value in JSON."),
-    ] = None,
-    preview: Annotated[Path | None, typer.Option(help="PNG to write as well.")] = None,
-    camera: Annotated[
-        Path | None, typer.Option(help="Camera file: what is sent is a depth buffer.")
-    ] = None,
-    url: Annotated[
-        str, typer.Option(envvar="ADRET_URL", help="Address of the service.")
-    ] = "http://127.0.0.1:8000",
-    key: Annotated[
-        str | None, typer.Option(envvar="ADRET_API_KEY", help="API key; better from ADRET_API_KEY.")
-    ] = None,
-    overwrite: Annotated[bool, typer.Option(help="Replace files that exist.")] = False,
-) -> None:
-    """Have a computation done by a service: send, wait, fetch. Ctrl-C cancels the job."""
-    from adret_service.client import ClientError, parse_inputs, run_submit
-
-    try:
-        inputs = parse_inputs(directions, option or [])
-        run_submit(url, dem, process, inputs, out, preview, camera, key=key, overwrite=overwrite)
-    except ClientError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(2) from None
-    except KeyboardInterrupt:
-        raise typer.Exit(130) from None
 
 
 def settings_or_exit(given: dict[str, Any]) -> Any:

@@ -348,7 +348,7 @@ def test_other_packages_add_commands(run: Run, monkeypatch: pytest.MonkeyPatch) 
     assert "greet" in run("--help").out
 
 
-@pytest.mark.parametrize("command", ["serve", "submit", "worker"])
+@pytest.mark.parametrize("command", ["serve", "run", "worker"])
 def test_a_command_of_a_missing_extra_says_how_to_get_it(
     command: str, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,8 +2,6 @@
 
 import hashlib
 import json
-import os
-import signal
 import subprocess
 import time
 from pathlib import Path
@@ -136,54 +134,6 @@ def test_removing_a_finished_job_removes_its_files(server: Server, dataset: str)
     assert server.http.delete(f"/jobs/{job}").status_code == 200
     assert not folder.exists()
     assert server.http.get(f"/jobs/{job}/results").status_code == 404
-
-
-def test_submit_does_the_whole_round_from_the_command_line(
-    server: Server, example_dem: Path, tmp_path: Path
-) -> None:
-    out, picture = tmp_path / "out.tif", tmp_path / "out.png"
-    command = [ADRET, "submit", example_dem, "--process", "light", "--directions", "8"]
-    command += ["-i", "sun_deg=[315,35]", "--out", out, "--preview", picture, "--url", server.url]
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    with rasterio.open(out) as source:
-        assert source.crs.to_epsg() == 2056
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.png", "out.tif"]
-
-    again = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=60)
-    assert again.returncode == 2
-    assert "out: must be a new file" in again.stderr
-
-
-def test_submit_says_in_one_line_what_the_service_refused(
-    server: Server, example_dem: Path, tmp_path: Path
-) -> None:
-    command = [ADRET, "submit", example_dem, "--process", "horizon", "--directions", "0"]
-    command += ["--out", tmp_path / "out.tif", "--url", server.url]
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2
-    assert "inputs.directions: must be" in done.stderr.splitlines()[-1]
-    assert not list(tmp_path.iterdir())
-
-
-def test_interrupting_submit_dismisses_its_job(
-    server: Server, example_dem: Path, tmp_path: Path
-) -> None:
-    known = {job["jobID"] for job in server.http.get("/jobs").json()["jobs"]}
-    command = [ADRET, "submit", example_dem, "--process", "sky-view", "--directions", "7200"]
-    command += ["-i", "method=march", "--out", tmp_path / "out.tif", "--url", server.url]
-    client = subprocess.Popen(list(map(str, command)), stderr=subprocess.PIPE)
-
-    def new_jobs() -> list[dict[str, str]]:
-        return [j for j in server.http.get("/jobs").json()["jobs"] if j["jobID"] not in known]
-
-    wait_for(lambda: any(job["status"] == "running" for job in new_jobs()), 30.0, server.log)
-    os.kill(client.pid, signal.SIGINT)
-    client.communicate(timeout=20)
-    assert client.returncode == 130
-    assert [job["status"] for job in new_jobs()] == ["dismissed"]
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_job_that_the_terrain_refuses_fails_with_its_reason(

@@ -29,7 +29,9 @@ COMMANDS = (
     "ssao",
 )
 # Commands that other packages bring, and the extra that installs them.
-EXTRAS = dict.fromkeys(("serve", "worker", "keys", "submit"), "service")
+SERVING = ("serve", "worker", "keys")
+USING = ("login", "upload", "run", "jobs", "watch", "cancel", "fetch")
+EXTRAS = dict.fromkeys((*SERVING, *USING), "service")
 GROUP = "adret.commands"
 INTERRUPTED = 130
 

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +49,7 @@ def product_action(name: str) -> Callable[..., None]:
             from adret._kernels import jit
 
             jit.threads(count)
-        with progress_bar(name) as progress:
+        with warnings_in_a_line(), progress_bar(name) as progress:
             products.run(product, opened, parameters, out, preview, progress, overwrite=overwrite)
 
     return action
@@ -94,6 +95,19 @@ def _threads(text: str) -> int:
     if not text.isdigit() or not 1 <= int(text) <= most:
         raise InputError("threads", f"a whole number between 1 and {most}", text)
     return int(text)
+
+
+@contextlib.contextmanager
+def warnings_in_a_line() -> Iterator[None]:
+    """Let the library's warnings be one line on standard error, without a place in its code."""
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        print(f"adret: warning: {' '.join(str(message).split())}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("default", UserWarning)
+        warnings.showwarning = show
+        yield
 
 
 @contextlib.contextmanager

@@ -82,6 +82,32 @@ def test_wrong_input_is_named_and_leaves_no_file(
     assert sorted(Path(files["depth"]).parent.iterdir()) == before
 
 
+def test_a_depth_too_coarse_for_the_radius_is_one_line_with_both_numbers(
+    files: dict[str, str], capfd: pytest.CaptureFixture[str]
+) -> None:
+    counts = np.full((24, 32), 40_000, dtype=np.uint16)
+    counts[8:, 12:20] = 30_000
+    Image.fromarray(counts).save(files["depth"].replace(".npy", ".png"))
+    lens = {**LENS, "near": 0.1, "far": 1000.0}
+    Path(files["camera"]).write_text(json.dumps(lens))
+    coarse = {**files, "depth": files["depth"].replace(".npy", ".png")}
+    assert ssao(coarse, "--kind", "device", "--radius", "0.0001") == 0
+    lines = capfd.readouterr().err.splitlines()
+    assert len(lines) == 1, lines
+    # 65535 steps of d = (1/0.1 - 1/z)/(1/0.1 - 1/1000): the step at a depth is z² 9.999/65535.
+    depth = 1.0 / (10.0 - 9.999 * 40_000 / 65_535)
+    step = depth**2 * 9.999 / 65_535
+    expected = (
+        f"adret: warning: depth: one step of the stored values is {step:.3g} at depth "
+        f"{depth:.3g}, more than a twentieth of the radius 0.0001"
+    )
+    assert lines[0].startswith(expected), lines[0]
+    # A radius that the depth can carry says nothing.
+    (Path(files["depth"]).with_name("ao.tif")).unlink()
+    assert ssao(coarse, "--kind", "device", "--radius", "2") == 0
+    assert capfd.readouterr().err == ""
+
+
 def test_a_picture_of_another_size_is_refused(
     files: dict[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:

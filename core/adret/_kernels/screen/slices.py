@@ -77,6 +77,8 @@ TWO_THIRDS = np.float32(2.0 / 3.0)
 TINY = np.float32(1e-20)
 HUGE = np.float32(1e18)
 ROUNDING = np.float32(2.0**-21)
+LEVEL = np.float32(2.0**-22)
+"""Angle above the tangent plane [radians] below which nothing counts: normals are float32."""
 
 
 @kernel
@@ -122,7 +124,7 @@ def place(near, at, normal, row, first, step, count, rays, perspective, radius, 
 
 @kernel
 def aim(w, y, ex, ey, along_column, along_row, perspective, cosine, uniform):
-    """Turn a block to a direction of the image; start the horizon at the tangent plane.
+    """Turn a block to a direction of the image; start the horizon just above the tangent plane.
 
     `ex`, `ey` is what a pixel of way adds to the view rays' x and y.
     """
@@ -140,6 +142,8 @@ def aim(w, y, ex, ey, along_column, along_row, perspective, cosine, uniform):
         b = -lean * per_side
         nu = (w[NORMAL_X + i] * ex + w[NORMAL_Y + i] * ey + lean * facing) * per_side
         m = w[RISE_COLUMN + i] * along_column + w[RISE_ROW + i] * along_row
+        c = a * m + b
+        m += LEVEL * (ONE + c * c) / a
         c = a * m + b
         sine = ONE / np.sqrt(ONE + c * c)
         w[A + i] = a

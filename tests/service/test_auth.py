@@ -74,19 +74,21 @@ def catalogued(client: AppClient, tenant: str, dem: Path) -> str:
     )
 
 
+NOBODYS = "01jd5z8k5v4k2m9qf7xw3hbn6t"
+
 DOORS = [
     ("GET", "/jobs"),
     ("GET", "/datasets"),
     ("POST", "/uploads"),
-    ("GET", f"/jobs/{new_id()}"),
-    ("GET", f"/jobs/{new_id()}/events"),
-    ("GET", f"/jobs/{new_id()}/logs"),
-    ("POST", f"/jobs/{new_id()}/retry"),
-    ("DELETE", f"/jobs/{new_id()}"),
-    ("GET", f"/jobs/{new_id()}/results"),
-    ("GET", f"/jobs/{new_id()}/results/result"),
-    ("GET", f"/datasets/{new_id()}"),
-    ("DELETE", f"/datasets/{new_id()}"),
+    ("GET", f"/jobs/{NOBODYS}"),
+    ("GET", f"/jobs/{NOBODYS}/events"),
+    ("GET", f"/jobs/{NOBODYS}/logs"),
+    ("POST", f"/jobs/{NOBODYS}/retry"),
+    ("DELETE", f"/jobs/{NOBODYS}"),
+    ("GET", f"/jobs/{NOBODYS}/results"),
+    ("GET", f"/jobs/{NOBODYS}/results/result"),
+    ("GET", f"/datasets/{NOBODYS}"),
+    ("DELETE", f"/datasets/{NOBODYS}"),
 ]
 
 

@@ -14,8 +14,10 @@ from adret_service.children import TICK, ComputeChild, Message
 from adret_service.compute import PREVIEW, RESULT
 from adret_service.database import persist
 from adret_service.datasets import GEOTIFF, DatasetCatalogue
-from adret_service.engine.port import JobLedger, JobRecord
+from adret_service.echo import ECHO, EchoFailed, run_echo
+from adret_service.engine.port import JobLedger, JobRecord, JobStatus
 from adret_service.settings import Settings
+from adret_service.status import prefix_of
 from adret_service.storage import Artefact, Storage
 
 __all__ = ["JobRunner"]
@@ -25,6 +27,11 @@ log = logging.getLogger("adret.worker")
 REPORT = 0.5  # seconds between two notes of progress
 FULL_DISK = (errno.ENOSPC, errno.EDQUOT)
 ROOM = 16 << 20  # bytes below which a failed write is taken for a full disk
+WITHOUT_RESULTS = (JobStatus.FAILED, JobStatus.DISMISSED)
+
+
+class Unwanted(Exception):
+    """The job was dismissed or removed, or another worker has ended it."""
 
 
 class JobRunner:
@@ -85,22 +92,32 @@ class JobRunner:
         if job is None:
             return
         prefix = prefix_of(job)
-        if self.storage.manifest(prefix) is None:
+        error = None
+        if self.storage.manifest(prefix) is None:  # else: a crash between it and the record
             child = self._free.get()
             try:
-                error = self._compute(job, child)
+                error = self._echo(job) if job.process == ECHO else self._compute(job, child)
+            except Unwanted:
+                self._clear(job)
+                return
             finally:
                 self._free.put(child)
-        else:
-            error = None  # a crash between the manifest and the record
         if self.stopping.is_set():
             hold()
-        if error is None:
-            kept = persist(lambda: self.ledger.succeed(job_id))
-        else:
-            kept = persist(lambda: self.ledger.fail(job_id, error))
-        if not kept or error is not None:
-            self.storage.delete(prefix)
+        if error is not None:
+            persist(lambda: self.ledger.fail(job_id, error))
+            self._clear(job)
+        elif not persist(lambda: self.ledger.succeed(job_id)):
+            self._clear(job)
+
+    def _clear(self, job: JobRecord) -> None:
+        """Drop what was made for a job that ended without success, here or elsewhere.
+
+        A worker that was taken for dead may wake up after another one finished its job: then the
+        results are the other's, and stay.
+        """
+        if persist(lambda: self.ledger.status(job.id)) in (*WITHOUT_RESULTS, None):
+            self.storage.delete(prefix_of(job))
 
     def stop(self) -> None:
         """End all children; jobs in progress are left for the next worker."""
@@ -130,7 +147,7 @@ class JobRunner:
                     order, Notes(self, job.id, deadline).take, self.settings.cancel_grace
                 )
                 if end["event"] == "done":
-                    self._publish(job, folder)
+                    self._publish(job, computed(folder))
                     return None
                 room = shutil.disk_usage(folder).free
             except OSError as error:
@@ -142,7 +159,7 @@ class JobRunner:
             if end["event"] == "cancelled":
                 if time.monotonic() > deadline:
                     return failure(500, f"the job ran longer than {self.settings.job_timeout:g} s")
-                return None
+                raise Unwanted
             if end["event"] == "refused":
                 return failure(
                     400,
@@ -160,17 +177,29 @@ class JobRunner:
                 return failure(500, f"the computing process died {crashes} times")
         return None
 
-    def _publish(self, job: JobRecord, folder: Path) -> None:
+    def _echo(self, job: JobRecord) -> Mapping[str, Any] | None:
+        """Give back what was sent, for tests of clients; returns an error or None."""
+        deadline = time.monotonic() + self.settings.job_timeout
+        notes = Notes(self, job.id, deadline)
+        folder = self.scratch / job.id
+        folder.mkdir(exist_ok=True)
+        try:
+            made = run_echo(job.inputs, folder, lambda: notes.take(None))
+            if made is not None:
+                self._publish(job, made)
+            return None
+        except EchoFailed:
+            error = {"field": "inputs.fail", "limit": "false", "value": True}
+            return failure(400, "inputs.fail: must be false, got True", [error])
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def _publish(self, job: JobRecord, made: Mapping[str, tuple[Path, str]]) -> None:
         prefix = prefix_of(job)
         artefacts: dict[str, Artefact] = {
-            "result": self.storage.publish(
-                folder / RESULT, prefix, RESULT, f"{GEOTIFF}; profile=cloud-optimized"
-            )
+            name: self.storage.publish(path, prefix, path.name, media_type)
+            for name, (path, media_type) in made.items()
         }
-        if (folder / PREVIEW).exists():
-            artefacts["preview"] = self.storage.publish(
-                folder / PREVIEW, prefix, PREVIEW, "image/png"
-            )
         self.storage.write_manifest(
             prefix, artefacts, {"process": job.process, "inputs": dict(job.inputs)}
         )
@@ -211,9 +240,13 @@ class Notes:
         return persist(lambda: self.runner.ledger.wanted(self.job_id))
 
 
-def prefix_of(job: JobRecord) -> str:
-    """Return the folder of a job's results in the store."""
-    return f"{job.tenant}/jobs/{job.id}"
+def computed(folder: Path) -> dict[str, tuple[Path, str]]:
+    """Return the files that a computation has made, with their media types, by output."""
+    files = {
+        "result": (folder / RESULT, f"{GEOTIFF}; profile=cloud-optimized"),
+        "preview": (folder / PREVIEW, "image/png"),
+    }
+    return {name: made for name, made in files.items() if name == "result" or made[0].exists()}
 
 
 def failure(

@@ -256,3 +256,46 @@ def test_what_a_crash_left_in_the_store_is_swept(bench: Bench) -> None:
     assert bench.catalogue.sweep(older_than=-1.0) == 1
     assert not orphan.exists()
     assert bench.catalogue.get(bench.dataset, "t") is not None
+
+
+def test_a_worker_that_wakes_up_late_leaves_the_results_of_another_alone(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Taken for dead while it computed, while it failed, and while it published."""
+    write = bench.storage.write_manifest
+
+    def other_worker(job: str) -> None:
+        file = bench.scratch / "other"
+        file.write_bytes(b"the other's")
+        artefact = bench.storage.publish(file, f"t/jobs/{job}", "result.tif", "image/tiff")
+        write(f"t/jobs/{job}", {"result": artefact}, {})
+        assert bench.engine.succeed(job)
+
+    def finished_by_another(act: str) -> JobRecord:
+        job = bench.submit(act)
+        thread = threading.Thread(target=bench.runner.execute, args=(job,))
+        thread.start()
+        while bench.found(job).progress == 0:
+            time.sleep(0.01)
+        other_worker(job)
+        thread.join(10.0)
+        assert not thread.is_alive()
+        return bench.found(job)
+
+    def late(prefix: str, *arguments: object) -> None:
+        other_worker(prefix.rsplit("/", 1)[-1])
+        write(prefix, *arguments)  # type: ignore[arg-type]
+
+    job = finished_by_another("hang")
+    monkeypatch.setattr(bench.storage, "write_manifest", late)
+    for each in (job, bench.run("work")):
+        assert each.status is JobStatus.SUCCESSFUL
+        results = bench.results(each.id)
+        assert results is not None
+        assert b"".join(bench.storage.read(results["result"].key)) != b""
+    breaks = bench.submit("break")
+    monkeypatch.setattr(bench.runner.ledger, "fail", lambda *_: other_worker(breaks))
+    bench.runner.execute(breaks)
+    results = bench.results(breaks)
+    assert results is not None
+    assert b"".join(bench.storage.read(results["result"].key)) == b"the other's"

@@ -256,6 +256,13 @@ class SqlLedger:
         with self.database.connect() as connection:
             return connection.execute(query).first() is not None
 
+    def status(self, job_id: str) -> JobStatus | None:
+        """Return the job's state; None once it is removed."""
+        query = sa.select(jobs.c.status).where(jobs.c.id == job_id)
+        with self.database.connect() as connection:
+            found = connection.execute(query).scalar()
+        return None if found is None else JobStatus(found)
+
     def progress(self, job_id: str, percent: int, message: str) -> None:
         """Note progress of a running job."""
         self._change(job_id, progress=percent, message=message)

@@ -167,6 +167,11 @@ class MemoryEngine:
         job = self._jobs.get(job_id)
         return job is not None and not job.is_finished
 
+    def status(self, job_id: str) -> JobStatus | None:
+        """Return the job's state; None once it is removed."""
+        job = self._jobs.get(job_id)
+        return None if job is None else job.status
+
     def progress(self, job_id: str, percent: int, message: str) -> None:
         """Note progress."""
         self._change(job_id, progress=percent, message=message)

@@ -210,6 +210,9 @@ class JobLedger(Protocol):
     def wanted(self, job_id: str) -> bool:
         """Whether the job is still to be run (False once dismissed or removed)."""
 
+    def status(self, job_id: str) -> JobStatus | None:
+        """Return the state that the job is in; None once it is removed."""
+
     def progress(self, job_id: str, percent: int, message: str) -> None:
         """Note progress of a running job."""
 

@@ -92,14 +92,13 @@ class JobRunner:
         if job is None:
             return
         prefix = prefix_of(job)
-        error = None
+        error, unwanted = None, False
         if self.storage.manifest(prefix) is None:  # else: a crash between it and the record
             child = self._free.get()
             try:
                 error = self._echo(job) if job.process == ECHO else self._compute(job, child)
             except Unwanted:
-                self._clear(job)
-                return
+                unwanted = True
             finally:
                 self._free.put(child)
         if self.stopping.is_set():
@@ -107,7 +106,7 @@ class JobRunner:
         if error is not None:
             persist(lambda: self.ledger.fail(job_id, error))
             self._clear(job)
-        elif not persist(lambda: self.ledger.succeed(job_id)):
+        elif unwanted or not persist(lambda: self.ledger.succeed(job_id)):
             self._clear(job)
 
     def _clear(self, job: JobRecord) -> None:

@@ -50,3 +50,29 @@ def save(
                 target.scales = (scale,) * count
                 target.offsets = (offset,) * count
     return path
+
+
+def crop(
+    source: Path,
+    path: Path,
+    rows: int,
+    columns: int,
+    *,
+    corner: tuple[int, int] = (0, 0),
+    void: tuple[int, int, int, int] | None = None,
+    shift: float = 0.0,
+) -> Path:
+    """Write a window of a raster, with a void (rows, columns from, to), `shift` cells aside."""
+    with rasterio.open(source) as dataset:
+        top, left = corner
+        window = (
+            (top, min(top + rows, dataset.height)),
+            (left, min(left + columns, dataset.width)),
+        )
+        values = dataset.read(1, window=window)
+        profile = dataset.profile
+    nodata = profile["nodata"]
+    if void is not None:
+        values[void[0] : void[1], void[2] : void[3]] = nodata
+    origin = profile["transform"] @ Affine.translation(left + shift, top)
+    return save(path, values, crs=profile["crs"], transform=origin, nodata=nodata)

@@ -124,7 +124,7 @@ def write(
 
 def write_windows(
     path: PathLike,
-    windows: Iterable[tuple[tuple[int, int], tuple[int, int], NDArray[Any]]],
+    windows: Iterable[tuple[int, tuple[int, int], tuple[int, int], NDArray[Any]]],
     terrain: "Terrain | PixelGrid | RasterGrid",
     *,
     names: Sequence[str],
@@ -144,7 +144,7 @@ def write_windows(
     path : path-like
         Where the file goes; it appears under this name only when it is whole.
     windows : iterable
-        Rows, columns and stored numbers, shape (bands, rows, columns) and of type `dtype`.
+        Band from 0, rows, columns, and stored numbers of type `dtype`, shape (rows, columns).
     terrain, names, unit, tags, nodata, dtype, scale, offset, resampling, overwrite
         As for `write`.
 
@@ -156,8 +156,8 @@ def write_windows(
     target = check_output(path, overwrite=overwrite)
 
     def fill(dataset: Any) -> None:
-        for rows, columns, numbers in windows:
-            dataset.write(numbers, window=(rows, columns))
+        for index, rows, columns, numbers in windows:
+            dataset.write(numbers, index + 1, window=(rows, columns))
 
     about = (names, unit, tags, scale, offset)
     _write(target, fill, terrain, about, dtype, nodata, True, resampling, False)
@@ -202,7 +202,7 @@ def _write(
         "dtype": dtype,
         "nodata": nodata,
         "crs": None if terrain.crs is None else terrain.crs.to_wkt(),
-        "transform": _transform(terrain),
+        "transform": geotransform(terrain),
     }
     try:
         with atomic(target) as unfinished, rasterio.Env(**GDAL_OPTIONS):
@@ -306,7 +306,8 @@ def encoder(
     return encode
 
 
-def _transform(terrain: "Terrain | PixelGrid | RasterGrid") -> Any:
+def geotransform(terrain: "Terrain | PixelGrid | RasterGrid") -> Any:
+    """Where a file's cells lie: in its CRS, or in metres from the south-west corner."""
     if terrain.transform is not None:
         return terrain.transform
     from affine import Affine

@@ -27,6 +27,8 @@ COMMANDS = (
     "viewshed",
     "visibility",
     "ssao",
+    "plan",
+    "batch",
 )
 # Commands that other packages bring, and the extra that installs them.
 SERVING = ("serve", "worker", "keys")

@@ -75,7 +75,7 @@ def command(
     def run(source: str, out: str, **given: Any) -> None:
         common = {entry[0]: given.pop(entry[0]) for entry in shared}
         chosen = {
-            spec.name: _value(spec, given[spec.name])
+            spec.name: value_of(spec, given[spec.name])
             for spec in known
             if given[spec.name] not in (None, [])
         }
@@ -83,14 +83,14 @@ def command(
 
     reads = "Elevation raster to read." if source is TERRAIN else "Depth buffer to read."
     arguments = [
-        _parameter("source", str, typer.Argument(metavar="IN", help=reads)),
-        _parameter("out", str, typer.Argument(metavar="OUT", help="GeoTIFF to write.")),
+        parameter("source", str, typer.Argument(metavar="IN", help=reads)),
+        parameter("out", str, typer.Argument(metavar="OUT", help="GeoTIFF to write.")),
     ]
-    options = [_option_of(spec) for spec in known]
+    options = [option_of(spec) for spec in known]
     for field, kind, default, metavar, text_of in shared:
         declared = typer.Option(option_name(field), metavar=metavar, help=text_of)
         empty = inspect.Parameter.empty
-        options.append(_parameter(field, kind, declared, empty if default is ... else default))
+        options.append(parameter(field, kind, declared, empty if default is ... else default))
     options.sort(key=lambda option: option.default is not inspect.Parameter.empty)
     run.__signature__ = inspect.Signature([*arguments, *options])  # type: ignore[attr-defined]
     run.__annotations__ = {p.name: p.annotation for p in (*arguments, *options)}
@@ -102,7 +102,7 @@ def command(
     return register
 
 
-def _parameter(
+def parameter(
     name: str, kind: Any, declared: Any, default: Any = inspect.Parameter.empty
 ) -> inspect.Parameter:
     return inspect.Parameter(
@@ -113,18 +113,18 @@ def _parameter(
     )
 
 
-def _option_of(spec: Specification) -> inspect.Parameter:
+def option_of(spec: Specification) -> inspect.Parameter:
     name = option_name(spec.name)
     text = spec.description if spec.unit is None else f"{spec.description} [{spec.unit}]"
     if spec.type == "boolean":
         names = f"{name}/--no-{name[2:]}"
-        return _parameter(spec.name, bool, typer.Option(names, help=text), spec.default)
+        return parameter(spec.name, bool, typer.Option(names, help=text), spec.default)
     metavar = "|".join(spec.choices) if spec.choices else _METAVAR[spec.type]
     if spec.type == "integer" and spec.choices:
         metavar = f"N|{metavar}"
     if spec.type in ("cells", "points"):
         repeated = typer.Option(name, metavar=metavar, help=f"{text} May be repeated.")
-        return _parameter(spec.name, list[str] | None, repeated, None)
+        return parameter(spec.name, list[str] | None, repeated, None)
     if spec.length == 2:
         metavar = "FROM,TO" if "range" in spec.name else "AZ,EL"
     if spec.form == "path":
@@ -134,7 +134,7 @@ def _option_of(spec: Specification) -> inspect.Parameter:
         text = f"{text} [default: {_shown(spec.default)}]"
     # Text, so that wrong values meet the parameters' own checks and messages.
     declared = typer.Option(name, metavar=metavar, help=text, show_default=False)
-    return _parameter(spec.name, str | None, declared, None)
+    return parameter(spec.name, str | None, declared, None)
 
 
 def _shown(default: Any) -> str:
@@ -143,7 +143,7 @@ def _shown(default: Any) -> str:
     return str(default)
 
 
-def _value(spec: Specification, text: Any) -> Any:
+def value_of(spec: Specification, text: Any) -> Any:
     """The typed value that was written; text stays text where it is no number."""
     if spec.type in ("boolean", "string"):
         return text

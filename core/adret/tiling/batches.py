@@ -1,0 +1,237 @@
+"""A batch from the first header to the last file: run what is not done, put it together, say so."""
+
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from adret._gdal import GDAL_OPTIONS
+from adret.cogs import write_windows
+from adret.errors import RasterError
+from adret.tiling.executors import Order, Outcome, TileExecutor
+from adret.tiling.jobs import (
+    FOLDER,
+    Job,
+    check_same,
+    check_tile,
+    digest,
+    read_json,
+    receipt,
+    tile_path,
+    write_json,
+)
+from adret.tiling.tasks import Tile, Written, file_digest
+
+__all__ = ["BatchReport", "ProductReport", "prepare", "run_batch"]
+
+MANIFEST = "manifest.json"
+
+Progress = Callable[[str, int, int], None]
+Window = tuple[int, tuple[int, int], tuple[int, int], NDArray[Any]]
+
+
+@dataclass(slots=True, kw_only=True)
+class ProductReport:
+    """What became of one product.
+
+    Attributes
+    ----------
+    product : str
+    file : str
+        Name of the result in the output folder; empty if there is none.
+    tiles, resumed : int
+        Tiles in all, and those that were done before this run.
+    errors : list of str
+        One line a tile that failed.
+    seconds : float
+        Wall time of this run [s].
+    tile_seconds : float
+        Sum over the workers [s].
+    peak_rss : int
+        Largest resident memory of any worker [bytes].
+    samples : int
+        Cells times azimuths that were swept.
+    """
+
+    product: str
+    file: str = ""
+    tiles: int = 0
+    resumed: int = 0
+    errors: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+    tile_seconds: float = 0.0
+    peak_rss: int = 0
+    samples: int = 0
+
+
+@dataclass(slots=True)
+class BatchReport:
+    """What became of a batch."""
+
+    products: list[ProductReport] = field(default_factory=list)
+
+    @property
+    def failed(self) -> bool:
+        """Whether any tile is missing."""
+        return any(each.errors for each in self.products)
+
+
+def prepare(job: Job, out: Path, *, resume: bool = False, overwrite: bool = False) -> None:
+    """Make the output folder of a job, or see that it holds this very job.
+
+    Raises
+    ------
+    RasterError
+        If the folder holds a job or a result, and neither `resume` nor `overwrite` is given.
+    InputError
+        If the job to resume is another one.
+    """
+    if not out.parent.is_dir():
+        raise RasterError("out", "in a folder that exists", str(out))
+    if out.exists() and not out.is_dir():
+        raise RasterError("out", "a folder", str(out))
+    known = read_json(out / FOLDER / "job.json")
+    results = [out / f"{name}.tif" for name in job.products]
+    if known is not None and resume:
+        check_same(known, job.document())
+        return
+    if not overwrite and (known is not None or any(path.exists() for path in results)):
+        raise RasterError("out", "a new folder (or resume, or overwrite)", str(out))
+    out.mkdir(exist_ok=True)
+    if overwrite:
+        shutil.rmtree(out / FOLDER, ignore_errors=True)
+        (out / MANIFEST).unlink(missing_ok=True)
+    job.write(out)
+
+
+def run_batch(
+    job: Job, out: Path, executor: TileExecutor, progress: Progress | None = None
+) -> BatchReport:
+    """Run the tiles of a prepared job that are not done, and write the results.
+
+    Parameters
+    ----------
+    job : Job
+    out : Path
+        Folder that `prepare` made.
+    executor : TileExecutor
+        Where the tiles run; it stays open.
+    progress : callable, optional
+        Called as progress(product, tiles done, tiles).
+
+    Returns
+    -------
+    BatchReport
+        A product with a tile that failed has no result; its other tiles are kept for a resumption.
+    """
+    found = BatchReport()
+    for product in job.products:
+        found.products.append(_run_product(job, out.absolute(), product, executor, progress))
+    return found
+
+
+def _run_product(
+    job: Job, out: Path, product: str, executor: TileExecutor, progress: Progress | None
+) -> ProductReport:
+    start = time.perf_counter()
+    tiles = job.tiles
+    report = ProductReport(product=product, tiles=len(tiles))
+    if _is_written(out, product, job):
+        report.file, report.resumed = f"{product}.tif", len(tiles)
+        return report
+    waiting = [tile for tile in tiles if not check_tile(out, product, tile)]
+    report.resumed = len(tiles) - len(waiting)
+    orders = [Order(str(out), product, tile.rows[0], tile.columns[0]) for tile in waiting]
+    done = report.resumed
+    for outcome in executor.map(orders):
+        _count(report, outcome)
+        done += 1
+        if progress is not None:
+            progress(product, done, len(tiles))
+    if not report.errors:
+        receipts = [_receipt(out, product, tile) for tile in tiles]
+        _assemble(job, out, product, receipts[0])
+        report.file = f"{product}.tif"
+        _remember(out, job, product, receipts, report)
+        shutil.rmtree(out / FOLDER / product)
+    report.seconds = time.perf_counter() - start
+    return report
+
+
+def _count(report: ProductReport, outcome: Outcome) -> None:
+    written = outcome.written
+    if written is None:
+        place = f"row {outcome.order.row} column {outcome.order.column}"
+        report.errors.append(f"{report.product} at {place}: {outcome.error}")
+        return
+    report.tile_seconds += written.seconds
+    report.peak_rss = max(report.peak_rss, written.peak_rss)
+    report.samples += written.cells * written.azimuths
+
+
+def _receipt(out: Path, product: str, tile: Tile) -> Written:
+    written = receipt(out, product, tile)
+    if written is None:
+        raise RasterError("tile", "on the disk that the workers write to", tile.name)
+    return written
+
+
+def _assemble(job: Job, out: Path, product: str, written: Written) -> None:
+    """Write the result from the tiles: the file that the product's own command writes."""
+    about = written.about
+    write_windows(
+        out / f"{product}.tif",
+        _windows(job, out, product, len(about["names"])),
+        job.surface.grid,
+        names=about["names"],
+        unit=about["unit"],
+        tags=about["tags"],
+        **about["encoding"],
+    )
+
+
+def _windows(job: Job, out: Path, product: str, bands: int) -> Iterator[Window]:
+    """The numbers of all tiles, band by band."""
+    import rasterio
+
+    for index in range(bands):
+        for tile in job.tiles:
+            path = tile_path(out, product, tile)
+            with rasterio.Env(**GDAL_OPTIONS), rasterio.open(path, driver="GTiff") as dataset:
+                numbers = np.asarray(dataset.read(index + 1))
+            yield index, tile.rows, tile.columns, numbers
+
+
+def _remember(
+    out: Path, job: Job, product: str, receipts: list[Written], report: ProductReport
+) -> None:
+    """Enter a result into the manifest."""
+    manifest = read_json(out / MANIFEST) or {"products": {}}
+    manifest["job"] = digest(job.document())
+    path = out / report.file
+    manifest["products"][product] = {
+        "file": report.file,
+        "bytes": path.stat().st_size,
+        "sha256": file_digest(path),
+        "tiles": {
+            tile.name: written.sha256 for tile, written in zip(job.tiles, receipts, strict=True)
+        },
+        "tile_seconds": sum(written.seconds for written in receipts),
+        "peak_rss": max(written.peak_rss for written in receipts),
+    }
+    write_json(out / MANIFEST, manifest)
+
+
+def _is_written(out: Path, product: str, job: Job) -> bool:
+    """Whether the manifest has the product's file, and the file is that one."""
+    manifest = read_json(out / MANIFEST)
+    if manifest is None or manifest.get("job") != digest(job.document()):
+        return False
+    known = manifest["products"].get(product)
+    path = out / f"{product}.tif"
+    return known is not None and path.exists() and file_digest(path) == known["sha256"]

@@ -1,0 +1,234 @@
+"""A batch job on disk: what to compute of which rasters, and the receipts of what is done.
+
+Layout of the output folder::
+
+    <product>.tif             the result: what the product's own command writes
+    manifest.json             files, checksums, times; written anew whenever a product is done
+    .adret-tiles/job.json     the job; workers read it
+    .adret-tiles/<product>/   one GeoTIFF a tile, and beside it a receipt with its checksum
+
+All files appear whole or not at all. A tile is done when its receipt is there.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Self
+
+from adret._gdal import atomic
+from adret.errors import InputError, RasterError
+from adret.grids import RasterGrid
+from adret.parameters import Parameters
+from adret.tiling.surfaces import Piece, Surface
+from adret.tiling.tasks import Tile, Written, cut, file_digest, make_tile, tiled_product
+
+__all__ = ["Job", "run_tile"]
+
+FOLDER = ".adret-tiles"
+VERSION = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """Products of a surface, cut into tiles.
+
+    Attributes
+    ----------
+    surface : Surface
+    products : mapping of str to Parameters
+        Names in `adret.products.PRODUCTS`.
+    tile_size : int
+        Cells a side.
+    """
+
+    surface: Surface
+    products: Mapping[str, Parameters]
+    tile_size: int
+
+    @property
+    def tiles(self) -> list[Tile]:
+        """All tiles, row by row."""
+        return cut(self.surface.grid.shape, self.tile_size)
+
+    def document(self) -> dict[str, Any]:
+        """The job as JSON; equal jobs of equal files give equal documents."""
+        import adret
+
+        surface, grid = self.surface, self.surface.grid
+        return {
+            "format": VERSION,
+            "version": adret.__version__,
+            "pieces": [asdict(piece) | _stamp(piece.path) for piece in surface.pieces],
+            "band": surface.band,
+            "vertical_unit": surface.vertical_unit,
+            "item_size": surface.item_size,
+            "datum": surface.datum,
+            "crs": None if grid.crs is None else grid.crs.to_wkt(),
+            "transform": None if grid.transform is None else list(grid.transform)[:6],
+            "shape": list(grid.shape),
+            "cell_size": list(grid.cell_size),
+            "products": {name: asdict(given) for name, given in self.products.items()},
+            "tile_size": self.tile_size,
+        }
+
+    def write(self, out: Path) -> None:
+        """Put the job into an output folder, where workers find it."""
+        folder = out / FOLDER
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / "job.json", self.document())
+
+    @classmethod
+    def read(cls, out: Path) -> Self:
+        """The job of an output folder.
+
+        Raises
+        ------
+        RasterError
+            If there is none, or one that another version wrote.
+        """
+        path = out / FOLDER / "job.json"
+        known = read_json(path)
+        if known is None:
+            raise RasterError("out", "a folder with a job", str(out))
+        if known.get("format") != VERSION:
+            raise RasterError("job", f"of format {VERSION}", known.get("format"))
+        transform, crs = known["transform"], known["crs"]
+        if transform is not None:
+            from affine import Affine
+
+            transform = Affine(*transform)
+        from adret.geodesy import parse_crs
+
+        grid = RasterGrid(
+            parse_crs(crs), transform, _pair(known["shape"]), _pair(known["cell_size"])
+        )
+        pieces = tuple(
+            Piece(each["path"], each["row"], each["column"], _pair(each["shape"]))
+            for each in known["pieces"]
+        )
+        surface = Surface(
+            pieces,
+            grid,
+            known["band"],
+            known["vertical_unit"],
+            known["item_size"],
+            known["datum"],
+        )
+        products = {
+            name: tiled_product(name).parameters(**_lists(given))
+            for name, given in known["products"].items()
+        }
+        return cls(surface, products, known["tile_size"])
+
+
+def run_tile(out: str, product: str, row: int, column: int) -> Written:
+    """Make one tile of the job in a folder, unless it is done, and leave its receipt.
+
+    The one function that every executor runs, on whichever machine sees the folder.
+
+    Parameters
+    ----------
+    out : str
+        Output folder of the job.
+    product : str
+    row, column : int
+        First cell of the tile.
+    """
+    folder = Path(out)
+    stamp = (folder / FOLDER / "job.json").stat().st_mtime_ns
+    job = _job(out, stamp)
+    rows, columns = job.surface.grid.shape
+    size = job.tile_size
+    tile = Tile((row, min(row + size, rows)), (column, min(column + size, columns)))
+    done = receipt(folder, product, tile)
+    if done is not None:
+        return done
+    path = tile_path(folder, product, tile)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    written = make_tile(job, product, tile, path)
+    write_json(path.with_suffix(".json"), asdict(written))
+    return written
+
+
+@lru_cache(maxsize=1)
+def _job(out: str, stamp: int) -> Job:
+    return Job.read(Path(out))
+
+
+def tile_path(out: Path, product: str, tile: Tile) -> Path:
+    """The file of a tile."""
+    return out / FOLDER / product / f"{tile.name}.tif"
+
+
+def receipt(out: Path, product: str, tile: Tile) -> Written | None:
+    """What is known of a tile, if it is done and its file has the length that it should have."""
+    path = tile_path(out, product, tile)
+    try:
+        written = Written(**json.loads(path.with_suffix(".json").read_text()))
+        whole = path.stat().st_size == written.bytes
+    except (OSError, ValueError, TypeError):
+        return None
+    return written if whole else None
+
+
+def check_tile(out: Path, product: str, tile: Tile) -> bool:
+    """Whether a tile is done and its bytes are those that were written; else it is forgotten."""
+    path = tile_path(out, product, tile)
+    written = receipt(out, product, tile)
+    if written is not None and file_digest(path) == written.sha256:
+        return True
+    path.with_suffix(".json").unlink(missing_ok=True)
+    return False
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write a JSON file, whole or not at all, and see it on the disk."""
+    with atomic(path) as unfinished, unfinished.open("w") as file:
+        json.dump(document, file, indent=1, sort_keys=True)
+        file.write("\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file holds; None where there is none."""
+    try:
+        return json.loads(path.read_text())
+    except (OSError, ValueError):
+        return None
+
+
+def digest(document: Mapping[str, Any]) -> str:
+    """SHA-256 of a document."""
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+
+
+def _stamp(path: str) -> dict[str, Any]:
+    status = os.stat(path)
+    return {"bytes": status.st_size, "modified": status.st_mtime_ns}
+
+
+def _pair(values: Any) -> Any:
+    one, other = values
+    return (one, other)
+
+
+def _lists(given: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: tuple(v) if isinstance(v, list) else v for name, v in given.items()}
+
+
+def check_same(old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
+    """Refuse to go on with a job that is not the one that was begun.
+
+    Raises
+    ------
+    InputError
+        Naming what differs.
+    """
+    for name in new:
+        if json.loads(json.dumps(new[name])) != old.get(name):
+            raise InputError("resume", f"of the same job (its {name} was another)", new[name])

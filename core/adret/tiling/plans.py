@@ -1,0 +1,247 @@
+"""What a batch will cost before it starts: tiles, passes, memory, bytes, time."""
+
+import math
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from adret.errors import InputError
+from adret.parameters import (
+    HorizonParameters,
+    LightParameters,
+    Parameters,
+    RayParameters,
+    RoundParameters,
+    ShadowParameters,
+    SkyViewParameters,
+)
+from adret.tiling.jobs import Job
+from adret.tiling.tasks import BLOCK, TILE_CACHE, halo
+
+__all__ = ["Plan", "ProductPlan", "check_memory", "plan", "worker_bytes"]
+
+# Python, NumPy, Numba with its compiler, GDAL and PROJ, before any raster is read [bytes].
+PROCESS = 400 << 20
+# Nanoseconds of one core a cell and azimuth: what the near field does not do, and each of its
+# cells; measured on 2 cores, see benchmarks/scale.
+SWEEP_NS, NEAR_NS = 12.0, 0.25
+# Compressed bytes a stored number, for want of a better guess.
+STORED = 0.6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProductPlan:
+    """Cost of one product.
+
+    Attributes
+    ----------
+    product : str
+    tiles : int
+    azimuths : int
+        Swept for every tile.
+    halo : int or None
+        Widest halo of a tile [cells]; None for the whole raster.
+    bands : int
+        Layers of the result.
+    worker_bytes : int
+        Largest memory of a worker [bytes].
+    disk_bytes : int
+        Room for tiles and result together [bytes], a guess.
+    core_seconds : float
+        Time on one core [s], a guess.
+    """
+
+    product: str
+    tiles: int
+    azimuths: int
+    halo: int | None
+    bands: int
+    worker_bytes: int
+    disk_bytes: int
+    core_seconds: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """Cost of a batch.
+
+    Attributes
+    ----------
+    shape : (int, int)
+        Rows and columns.
+    tile_size : int
+    workers, threads : int
+        Processes, and threads in each.
+    products : tuple of ProductPlan
+    """
+
+    shape: tuple[int, int]
+    tile_size: int
+    workers: int
+    threads: int
+    products: tuple[ProductPlan, ...]
+
+    @property
+    def worker_bytes(self) -> int:
+        """Largest memory of a worker [bytes]."""
+        return max(each.worker_bytes for each in self.products)
+
+    @property
+    def disk_bytes(self) -> int:
+        """Room on disk at the most: all results, and the tiles of one product [bytes]."""
+        return sum(each.disk_bytes for each in self.products)
+
+    @property
+    def seconds(self) -> float:
+        """Time of the whole [s], a guess."""
+        return sum(each.core_seconds for each in self.products) / (self.workers * self.threads)
+
+
+def plan(job: Job, workers: int, threads: int) -> Plan:
+    """Count what a job needs.
+
+    Examples
+    --------
+    >>> from adret.parameters import SkyViewParameters
+    >>> from adret.tiling.surfaces import Surface
+    >>> surface = Surface.open(["examples/data/alpine_aletsch_dhm200_lv95_200m.tif"])
+    >>> job = Job(surface, {"sky-view": SkyViewParameters(max_distance=20_000.0)}, 128)
+    >>> found = plan(job, workers=1, threads=1)
+    >>> found.products[0].tiles, found.products[0].halo
+    (9, 105)
+    """
+    products = tuple(
+        _product(job, name, parameters, threads) for name, parameters in job.products.items()
+    )
+    return Plan(
+        shape=job.surface.grid.shape,
+        tile_size=job.tile_size,
+        workers=workers,
+        threads=threads,
+        products=products,
+    )
+
+
+def check_memory(found: Plan, job: Job, memory: int, out: Path) -> None:
+    """Refuse a run that cannot keep to `memory` [bytes] a worker, or to the disk.
+
+    Raises
+    ------
+    InputError
+        Saying what would do.
+    """
+    if found.worker_bytes > memory:
+        limit = f"at least {-(-found.worker_bytes // 2**20)}M for tiles of {job.tile_size} cells"
+        size = job.tile_size
+        while size > 64:
+            size //= 2
+            smaller = plan(Job(job.surface, job.products, size), found.workers, found.threads)
+            if smaller.worker_bytes <= memory:
+                limit += f" (or --tile-size {size})"
+                break
+        else:
+            if any(each.halo is None for each in found.products):
+                limit += " that see the whole raster (or a --max-distance)"
+        raise InputError("memory", limit, f"{memory // 2**20}M")
+    folder = out if out.exists() else out.parent
+    free = shutil.disk_usage(folder).free
+    if found.disk_bytes > free:
+        raise InputError("out", f"on a disk with {found.disk_bytes // 2**20}M free", str(out))
+
+
+def worker_bytes(job: Job, parameters: Parameters, threads: int, size: int | None = None) -> int:
+    """Largest memory of the process that makes a job's tiles [bytes]."""
+    rows, columns = job.surface.grid.shape
+    side = job.tile_size if size is None else size
+    core = min(side, rows), min(side, columns)
+    margin = _widest_halo(job, parameters)
+    reach = max(rows, columns) if margin is None else margin
+    seen = min(core[0] + 2 * reach, rows), min(core[1] + 2 * reach, columns)
+    view, cells = seen[0] * seen[1], core[0] * core[1]
+    near = getattr(parameters, "near", None) or 32
+    pad = min(max(near, 0 if margin is None else margin), max(seen))
+    frame = (seen[0] + pad + 8) * (seen[1] + pad + 8)
+    # A strip of rows as it is read: numbers, mask, metres in float64.
+    strip = min(512, seen[0]) * seen[1] * (job.surface.item_size + 1 + 8 + 8)
+    # Heights, their mask, and two frames: heights turned, and the layer that is raised.
+    swept = view * 4 + 2 * (frame * 4 + view * 4)
+    own = cells * (1 + 4 + _own_bytes(parameters))
+    # Hulls of the lines of a strip, of each thread.
+    hulls = threads * 130 * (max(seen) // 4 + 2) * 48
+    return PROCESS + (TILE_CACHE << 20) + strip + swept + own + hulls
+
+
+def _own_bytes(parameters: Parameters) -> int:
+    """Bytes a cell of the tile that a product needs, besides the layer of slopes."""
+    if isinstance(parameters, HorizonParameters):
+        return 4 + 4 + 4 + 8  # mean, angle, numbers as they are encoded
+    many = isinstance(parameters, RoundParameters) and parameters.directions > 32
+    total = 4 + (8 if many else 0)
+    if isinstance(parameters, SkyViewParameters):
+        return total + 16 + (16 if parameters.kind == "normal" else 0)
+    if isinstance(parameters, ShadowParameters):
+        return 12 + 16 + 6
+    if isinstance(parameters, LightParameters):
+        bands = 3 if parameters.environment is not None else 1
+        return 16 + bands * (12 + 12)
+    return total + 24
+
+
+def _widest_halo(job: Job, parameters: Parameters) -> int | None:
+    """Largest halo of any tile."""
+    halos = {halo(job, parameters, tile) for tile in job.tiles[:: max(1, _across(job))]}
+    return None if None in halos else max(h for h in halos if h is not None)
+
+
+def _across(job: Job) -> int:
+    return math.ceil(job.surface.grid.shape[1] / job.tile_size)
+
+
+def _azimuths(parameters: Parameters) -> int:
+    if isinstance(parameters, HorizonParameters) and parameters.azimuths_deg is not None:
+        return len(parameters.azimuths_deg)
+    if isinstance(parameters, LightParameters):
+        whole = parameters.sky != "none" or parameters.environment is not None
+        return (parameters.directions if whole else 0) + (parameters.sun_deg is not None)
+    return parameters.directions if isinstance(parameters, RoundParameters) else 1
+
+
+def _product(job: Job, name: str, parameters: Parameters, threads: int) -> ProductPlan:
+    assert isinstance(parameters, RayParameters)
+    rows, columns = job.surface.grid.shape
+    azimuths = _azimuths(parameters)
+    horizons = isinstance(parameters, HorizonParameters)
+    bands = azimuths if horizons else 1
+    if isinstance(parameters, LightParameters) and parameters.environment is not None:
+        bands = 3
+    item = 2 if horizons and getattr(parameters, "dtype", "") == "uint16" else 4
+    if isinstance(parameters, ShadowParameters) and parameters.layer == "code":
+        item = 1
+    near = 32 if parameters.near is None else parameters.near
+    return ProductPlan(
+        product=name,
+        tiles=len(job.tiles),
+        azimuths=azimuths,
+        halo=_widest_halo(job, parameters),
+        bands=bands,
+        worker_bytes=worker_bytes(job, parameters, threads),
+        # Tiles, the result before its overviews are in order, and the result.
+        disk_bytes=round(3.4 * rows * columns * bands * item * STORED),
+        core_seconds=rows * columns * azimuths * (SWEEP_NS + NEAR_NS * near) * 1e-9,
+    )
+
+
+def default_workers() -> int:
+    """Processes to start when nobody says: one, whose kernels use all cores."""
+    return 1
+
+
+def default_threads(workers: int) -> int:
+    """Threads of each of so many workers."""
+    return max(1, (os.cpu_count() or 1) // workers)
+
+
+def block_aligned(size: int) -> bool:
+    """Whether tiles end where blocks of the result end, which spares work."""
+    return size % BLOCK == 0

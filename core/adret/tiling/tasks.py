@@ -1,0 +1,238 @@
+"""Products that can be cut into tiles, the cut itself, and the one function that makes a tile."""
+
+import hashlib
+import resource
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from adret._gdal import GDAL_OPTIONS, atomic
+from adret.errors import InputError
+from adret.parameters import Parameters, RayParameters
+
+if TYPE_CHECKING:
+    from adret.products import Product, Result
+    from adret.terrain import Terrain
+    from adret.tiling.jobs import Job
+
+__all__ = ["TILED", "Tile", "Written", "cut", "make_tile", "tiled_product"]
+
+TILED = {
+    "horizon": "horizon",
+    "sky": "sky-view",
+    "sky-view": "sky-view",
+    "openness": "openness",
+    "shadow": "shadow",
+    "light": "light",
+}
+"""Names that a batch takes, and the products that they stand for."""
+
+TILE_CACHE = 64  # MiB of GDAL's block cache in a worker
+BLOCK = 512  # cells a side of a block in a tile's file
+
+Span = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """Rows and columns of a surface that are computed together."""
+
+    rows: Span
+    columns: Span
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
+
+    @property
+    def name(self) -> str:
+        """Of its file, without an ending."""
+        return f"r{self.rows[0]:06d}-c{self.columns[0]:06d}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Written:
+    """What is known of a tile that was made: its receipt.
+
+    Attributes
+    ----------
+    sha256 : str
+        Of the tile's file.
+    bytes : int
+        Length of the file.
+    cells, azimuths : int
+        Of the tile, and swept for it.
+    seconds : float
+        Wall time [s].
+    peak_rss : int
+        Largest resident memory of the worker so far [bytes].
+    about : dict
+        Names, unit, tags and encoding of the bands.
+    """
+
+    sha256: str
+    bytes: int
+    cells: int
+    azimuths: int
+    seconds: float
+    peak_rss: int
+    about: dict[str, Any]
+
+
+def tiled_product(name: str) -> "Product":
+    """The product of that name, if it can be tiled.
+
+    Raises
+    ------
+    InputError
+        Naming those that can.
+    """
+    from adret.products import PRODUCTS
+
+    if name not in TILED:
+        raise InputError("product", f"one of {', '.join(TILED)}", name)
+    return PRODUCTS[TILED[name]]
+
+
+def cut(shape: tuple[int, int], size: int) -> list[Tile]:
+    """Tiles of `size` cells a side, the last ones smaller, row by row.
+
+    Examples
+    --------
+    >>> [tile.name for tile in cut((3, 4), 2)]
+    ['r000000-c000000', 'r000000-c000002', 'r000002-c000000', 'r000002-c000002']
+    """
+    return [
+        Tile((top, min(top + size, shape[0])), (left, min(left + size, shape[1])))
+        for top in range(0, shape[0], size)
+        for left in range(0, shape[1], size)
+    ]
+
+
+def make_tile(job: "Job", product: str, tile: Tile, path: Path) -> Written:
+    """Compute one tile of one product and write its numbers as they will be stored.
+
+    The result hangs on nothing but the job's file and the rasters that it names: any process on
+    any machine that sees them writes the same bytes.
+
+    Parameters
+    ----------
+    job : Job
+    product : str
+        Of `PRODUCTS`.
+    tile : Tile
+    path : Path
+        GeoTIFF to write; it appears whole or not at all.
+    """
+    from adret.report import last_run_report
+
+    start = time.perf_counter()
+    parameters = job.products[product]
+    terrain = job.surface.tile(tile.rows, tile.columns, halo(job, parameters, tile))
+    result = tiled_product(product).compute(terrain, parameters, None)
+    digest = _write(path, terrain, result)
+    report = last_run_report()
+    return Written(
+        sha256=digest,
+        bytes=path.stat().st_size,
+        cells=terrain.mask.size,
+        azimuths=0 if report is None else report.azimuths_swept,
+        seconds=time.perf_counter() - start,
+        peak_rss=peak_rss(),
+        about={
+            "names": list(result.names),
+            "unit": result.unit,
+            "tags": result.tags,
+            "encoding": result.encoding,
+        },
+    )
+
+
+def halo(job: "Job", parameters: Parameters, tile: Tile) -> int | None:
+    """Cells round a tile that it sees; None for all there are."""
+    from adret.horizon import HorizonOptions
+
+    assert isinstance(parameters, RayParameters)
+    if parameters.max_distance is None:
+        return None
+    options = HorizonOptions(max_distance=parameters.max_distance)
+    return options.halo_of(job.surface.grid, *tile.rows)
+
+
+def encoded(result: "Result") -> Iterator[tuple[int, NDArray[Any]]]:
+    """The layers of a result as the numbers that are stored."""
+    from adret.cogs import encoder
+
+    encoding = result.encoding
+    encode = encoder(
+        encoding.get("dtype", "float32"),
+        encoding.get("scale"),
+        encoding.get("offset"),
+        encoding.get("nodata", np.nan),
+    )
+    layers: Any = result.layers
+    if isinstance(layers, np.ndarray):
+        layers = enumerate(layers[np.newaxis] if layers.ndim == 2 else layers)
+    for index, layer in layers:
+        yield index, encode(layer)
+
+
+def _write(path: Path, terrain: "Terrain", result: "Result") -> str:
+    """Write a tile's file; return its digest."""
+    import rasterio
+
+    from adret.cogs import describe, geotransform
+
+    rows, columns = terrain.shape
+    dtype = result.encoding.get("dtype", "float32")
+    profile = {
+        "driver": "GTiff",
+        "height": rows,
+        "width": columns,
+        "count": len(result.names),
+        "dtype": dtype,
+        "nodata": result.encoding.get("nodata", np.nan),
+        "crs": None if terrain.crs is None else terrain.crs.to_wkt(),
+        "transform": geotransform(terrain),
+        "tiled": True,
+        "blockxsize": min(BLOCK, -(-columns // 16) * 16),
+        "blockysize": min(BLOCK, -(-rows // 16) * 16),
+        "interleave": "band",
+        "compress": "zstd",
+        "zstd_level": 1,
+        "predictor": 3 if dtype == "float32" else 2,
+        "bigtiff": "if_safer",
+    }
+    options = GDAL_OPTIONS | {"GDAL_CACHEMAX": TILE_CACHE}
+    with atomic(path) as unfinished:
+        with rasterio.Env(**options), rasterio.open(unfinished, "w", **profile) as dataset:
+            describe(
+                dataset,
+                result.names,
+                result.unit,
+                result.tags,
+                result.encoding.get("scale"),
+                result.encoding.get("offset"),
+            )
+            for index, layer in encoded(result):
+                dataset.write(layer, index + 1)
+        return file_digest(unfinished)
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def peak_rss() -> int:
+    """Largest resident memory of this process so far [bytes]."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit

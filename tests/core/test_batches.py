@@ -19,7 +19,7 @@ from adret import products
 from adret.cli import main
 from adret.errors import InputError, RasterError
 from adret.tiling import Job, Surface, plan, prepare, run_batch
-from adret.tiling.executors import LocalExecutor, Order, Outcome, attempt
+from adret.tiling.executors import LocalExecutor, Order, Outcome, attempt, open_executor
 from adret.tiling.jobs import FOLDER, tile_path
 from adret.tiling.plans import check_memory
 
@@ -246,6 +246,32 @@ def test_a_worker_that_is_killed_is_replaced(small: Path, tmp_path: Path) -> Non
     assert digest(out / "sky-view.tif") == whole_files(job, small, tmp_path)["sky-view"]
 
 
+def test_tiles_of_a_dask_cluster_are_the_same_bytes(small: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra adret[dask] is not here")
+    from adret.tiling.dask_executor import DaskExecutor
+
+    job = job_of(small, ["sky-view"], 64, 5000.0)
+    out = tmp_path / "out"
+    prepare(job, out)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        executor = DaskExecutor(1, 1, cluster.scheduler_address)
+        try:
+            assert not run_batch(job, out, executor).failed
+        finally:
+            executor.close()
+    assert digest(out / "sky-view.tif") == whole_files(job, small, tmp_path)["sky-view"]
+
+
+def test_an_executor_that_is_not_there_is_named(small: Path, tmp_path: Path) -> None:
+    arguments = ["batch", str(small), str(tmp_path / "out"), "--executor", "abacus"]
+    assert main(arguments) == 2
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="executor: must be one of local, dask, queue"):
+        open_executor("abacus", workers=1, threads=1, scheduler=None)
+
+
 def test_another_job_is_not_resumed(small: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     prepare(job_of(small, ["sky-view"], 64, 5000.0), out)
@@ -253,6 +279,29 @@ def test_another_job_is_not_resumed(small: Path, tmp_path: Path) -> None:
         prepare(job_of(small, ["sky-view"], 32, 5000.0), out, resume=True)
     with pytest.raises(RasterError, match="a new folder"):
         prepare(job_of(small, ["sky-view"], 64, 5000.0), out)
+
+
+def test_each_file_is_done_even_when_another_cannot_be(
+    small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = tmp_path / "broken.tif"
+    broken.write_bytes(small.read_bytes()[:300])
+    sources = [str(broken), str(small)]
+    options = ["--each", "--product", "shadow", "--tile-size", "80"]
+    assert main(["batch", *sources, str(tmp_path / "out"), *options]) == 1
+    said = capsys.readouterr()
+    assert "out/broken: path: must be a readable GTiff file" in said.err
+    assert "small/shadow.tif" in said.out
+    terrain = adret.Terrain.open(small)
+    chosen = products.PRODUCTS["shadow"]
+    products.run(chosen, terrain, chosen.parameters(), tmp_path / "whole.tif")
+    assert digest(tmp_path / "out" / "small" / "shadow.tif") == digest(tmp_path / "whole.tif")
+
+
+def test_options_of_products_that_are_not_made_are_refused(small: Path, tmp_path: Path) -> None:
+    arguments = ["batch", str(small), str(tmp_path / "out"), "--product", "sky", "--sun", "1,2"]
+    assert main(arguments) == 2
+    assert main(["plan", str(small), "--product", "viewshed"]) == 2
 
 
 # --- memory --------------------------------------------------------------------------------------

@@ -12,7 +12,6 @@ from adret.errors import AdretError, InputError
 
 if TYPE_CHECKING:
     from adret.tiling import BatchReport, Job
-    from adret.tiling.executors import TileExecutor
 
 __all__ = ["register"]
 
@@ -49,6 +48,7 @@ def batch(
         raise InputError("OUT", "given after the rasters", places[-1])
     if resume and overwrite:
         raise InputError("resume", "without overwrite", "both")
+    from adret.tiling import run_batch
     from adret.tiling.executors import open_executor
     from adret.tiling.plans import default_threads
 
@@ -61,31 +61,21 @@ def batch(
         if not out.parent.is_dir():
             raise InputError("OUT", "in a folder that exists", str(out))
         out.mkdir(exist_ok=True)
-    results: dict[str, BatchReport | str] = {}
-    running: TileExecutor | None = None
-    try:
+    results: dict[Path, BatchReport | str] = {}
+    threads = default_threads(request.workers)
+    with contextlib.closing(
+        open_executor(executor, workers=request.workers, threads=threads, scheduler=scheduler)
+    ) as running:
         for folder, files in groups.items():
             try:
                 job = _ready(request, files, folder, resume, overwrite)
-                if running is None:
-                    running = open_executor(
-                        executor,
-                        workers=request.workers,
-                        threads=default_threads(request.workers),
-                        scheduler=scheduler,
-                    )
                 with _progress(folder.name) as progress:
-                    from adret.tiling import run_batch
-
-                    results[str(folder)] = run_batch(job, folder, running, progress)
+                    results[folder] = run_batch(job, folder, running, progress)
             except AdretError as error:
                 if not each:
                     raise
-                results[str(folder)] = " ".join(str(error).split())
-    finally:
-        if running is not None:
-            running.close()
-    return _summary(results)
+                results[folder] = " ".join(str(error).split())
+    return _summary(out, results)
 
 
 def _ready(
@@ -111,24 +101,24 @@ def _progress(name: str) -> Iterator[Callable[[str, int, int], None] | None]:
         yield None if bar is None else lambda product, done, total: bar(done, total)
 
 
-def _summary(results: "dict[str, BatchReport | str]") -> int:
+def _summary(out: Path, results: "dict[Path, BatchReport | str]") -> int:
     """Print a line a result, errors last; return the exit code."""
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(show_edge=False, title_justify="left")
-    for name in ("file", "tiles", "resumed", "failed", "seconds", "Mcells az/s", "peak MiB"):
+    table = Table(title=str(out), title_justify="left")
+    for name in ("file", "tiles", "resumed", "failed", "s", "Mcells az/s", "peak MiB"):
         table.add_column(name, justify="left" if name == "file" else "right", no_wrap=True)
     errors = []
     for folder, found in results.items():
         if isinstance(found, str):
-            table.add_row(folder, "", "", "all", "", "", "")
+            table.add_row(str(folder.relative_to(out)), "", "", "all", "", "", "")
             errors.append(f"{folder}: {found}")
             continue
         for each in found.products:
             rate = f"{each.samples / each.seconds * 1e-6:.1f}" if each.samples else ""
             table.add_row(
-                str(Path(folder) / f"{each.product}.tif"),
+                str(folder.relative_to(out) / f"{each.product}.tif"),
                 str(each.tiles),
                 str(each.resumed),
                 str(len(each.errors)),

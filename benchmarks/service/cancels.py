@@ -1,0 +1,96 @@
+"""From DELETE to an idle processor, in the middle of a large kernel.
+
+    python benchmarks/service/cancels.py --repeat 50
+
+A raster so large that one kernel runs for many seconds; its job is dismissed at a random moment, and
+the CPU time of the computing processes is looked at until it stands still.
+"""
+
+import argparse
+import json
+import random
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from common import TICK, cpu_seconds, quantile, record, serving
+from servers import Server, descendants, write_dem
+
+QUIET = 0.4  # seconds of almost no CPU time after which the work has ended
+IDLE = 0.1  # share of a core that waiting processes may use
+
+
+def computing(server: Server) -> list[int]:
+    return server.children("adret_service.compute")
+
+
+def stop_time(server: Server, job: str) -> float:
+    """Dismiss a job and return when the computing processes used the CPU for the last time [s]."""
+    pids = computing(server)
+    began = time.perf_counter()
+    assert server.http.delete(f"/jobs/{job}").json()["status"] == "dismissed"
+    used, last = cpu_seconds(pids), time.perf_counter()
+    while time.perf_counter() - last < QUIET:
+        time.sleep(0.002)
+        now = cpu_seconds([*pids, *computing(server)])
+        if now != used and computing(server):
+            used, last = now, time.perf_counter()
+        elif not computing(server):
+            break
+    return last - began
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeat", type=int, default=50)
+    parser.add_argument("--side", type=int, default=3000)
+    parser.add_argument("--keep", action="store_true", help="Write the results' file.")
+    options = parser.parse_args()
+    figures = measure(options.repeat, options.side)
+    if options.keep:
+        record("cancels", figures)
+    else:
+        print(json.dumps(figures, indent=1))
+
+
+def measure(repeat: int, side: int) -> dict[str, Any]:
+    """Dismiss so many jobs on a raster of side² cells."""
+    random_ = random.Random(1)
+    times, left = [], 0
+    with tempfile.TemporaryDirectory() as folder, serving() as server:
+        heights = np.random.default_rng(1).normal(500.0, 50.0, (side, side)).astype(np.float32)
+        dem = write_dem(Path(folder) / "large.tif", heights)
+        dataset = server.upload(dem).json()["id"]
+        assert server.process is not None
+        threads = None
+        for _ in range(repeat):
+            job = server.submit("sky-view", dataset=dataset, directions=32, method="march")
+            server.wait(job, "running")
+            time.sleep(random_.uniform(0.5, 1.5))
+            times.append(stop_time(server, job))
+            server.wait(job, "dismissed")
+            time.sleep(0.3)
+            left += len(computing(server)) > 1
+            everyone = [server.process.pid, *descendants(server.process.pid)]
+            idle = cpu_seconds(everyone)
+            time.sleep(0.5)
+            left += cpu_seconds(everyone) - idle > 0.5 * IDLE + 1.0 / TICK
+            now = sum(len(list(Path(f"/proc/{pid}/task").iterdir())) for pid in everyone)
+            threads = threads or now
+        return {
+            "repeated": repeat,
+            "side": side,
+            "seconds": {
+                "p50": round(quantile(times, 0.5), 3),
+                "p99": round(quantile(times, 0.99), 3),
+                "max": round(max(times), 3),
+            },
+            "processes_left_or_busy": left,
+            "threads_after_first_and_last": [threads, now],
+        }
+
+
+if __name__ == "__main__":
+    main()

@@ -21,9 +21,10 @@ from adret_service.engine.port import JobEngine
 from adret_service.ingest import Ingest
 from adret_service.middleware import BodyLimit, RequestId, SameOrigin
 from adret_service.rates import Buckets, Rate
-from adret_service.routes import datasets, events, health, jobs, landing, processes
+from adret_service.routes import datasets, events, health, jobs, landing, processes, skylines, views
 from adret_service.settings import Settings
 from adret_service.storage import open_storage
+from adret_service.viewers import Viewers
 
 __all__ = ["create_app"]
 
@@ -67,7 +68,7 @@ def create_app(settings: Settings, engine: JobEngine | None = None) -> FastAPI:
         separate_input_output_schemas=False,
         responses={"default": {"model": documents.Problem, "description": "Refused, and why."}},
     )
-    for router in (landing, processes, jobs, events, datasets, health):
+    for router in (landing, processes, jobs, events, datasets, views, skylines, health):
         app.include_router(router.router)
     problems.install(app)
     app.add_middleware(BodyLimit, limit=settings.max_body_bytes, exempt="/uploads")
@@ -106,9 +107,15 @@ def open_service(
     ingest = Ingest(settings, catalogue, lease.scratch)
     ingest.decoder.start()
     stack.callback(ingest.decoder.close)
+    viewers = Viewers(settings, storage, lease.scratch / "views")
+    stack.callback(viewers.close)
     if settings.auth == "none":
-        return Service(settings, engine, catalogue, storage, ingest)
-    rates = {"api": settings.rate_api, "submit": settings.rate_submit}
+        return Service(settings, engine, catalogue, storage, ingest, viewers)
+    rates = {
+        "api": settings.rate_api,
+        "submit": settings.rate_submit,
+        "tiles": settings.rate_tiles,
+    }
     buckets = {name: Buckets(Rate.parse(text)) for name, text in rates.items()}
     keys = KeyFile(settings.keys_file)
-    return Service(settings, engine, catalogue, storage, ingest, keys, buckets)
+    return Service(settings, engine, catalogue, storage, ingest, viewers, keys, buckets)

@@ -15,6 +15,7 @@ from adret_service.problems import Problem
 from adret_service.rates import Buckets
 from adret_service.settings import Settings
 from adret_service.storage import Storage
+from adret_service.viewers import Viewers
 
 __all__ = ["Service", "ServiceDep", "Tenant", "base_url"]
 
@@ -32,6 +33,7 @@ class Service:
     catalogue: DatasetCatalogue
     storage: Storage
     ingest: Ingest
+    viewers: Viewers
     keys: KeyFile | None = None
     rates: dict[str, Buckets] | None = None
 
@@ -67,7 +69,10 @@ def credential_of(
     if scope not in found.scopes:
         raise Problem(403, f"this key's scopes: must have {scope}, got {sorted(found.scopes)}")
     if service.rates is not None:
-        _count(service.rates["api" if scope == "read" else "submit"], found.id, response)
+        bucket = "api" if scope == "read" else "submit"
+        if "/tiles/" in request.url.path:
+            bucket = "tiles"
+        _count(service.rates[bucket], found.id, response)
     return found
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import rasterio
+import rasterio.enums
 from rasterio.errors import RasterioError
 
 from adret import rasters
@@ -28,6 +29,7 @@ __all__ = ["child", "read_dataset", "send_drivers"]
 
 KEPT_DRIVERS = {"GTiff", "COG", "PNG", "AAIGrid", "MEM"}
 PR_SET_NO_NEW_PRIVS = 38
+BLOCK = 512  # cells a side of a tile of the copy
 
 
 def send_drivers(answer: int) -> None:
@@ -154,7 +156,10 @@ def check_header(limits: dict[str, Any]) -> dict[str, Any]:
 
 
 def write(terrain: Terrain) -> None:
-    """Write heights above the datum as float32, with the datum as the band's offset."""
+    """Write heights above the datum as float32, the datum as the band's offset, and halved copies.
+
+    The copies are what map tiles of a large raster are made from.
+    """
     rows, columns = terrain.shape
     dx, dy = terrain.cell_size
     profile: dict[str, Any] = {
@@ -165,8 +170,8 @@ def write(terrain: Terrain) -> None:
         "dtype": "float32",
         "nodata": math.nan,
         "tiled": True,
-        "blockxsize": 512,
-        "blockysize": 512,
+        "blockxsize": BLOCK,
+        "blockysize": BLOCK,
         "compress": "zstd",
         "predictor": 3,
         "bigtiff": "if_safer",
@@ -178,6 +183,9 @@ def write(terrain: Terrain) -> None:
         target.offsets = (terrain.datum,)
         target.units = ("m",)
         target.write(terrain.heights, 1)
+        factors = [2**k for k in range(1, math.ceil(math.log2(max(rows, columns) / BLOCK)) + 1)]
+        if factors:
+            target.build_overviews(factors, rasterio.enums.Resampling.average)
 
 
 def read_dataset(path: Path, info: dict[str, Any]) -> Terrain | DepthBuffer:

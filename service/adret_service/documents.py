@@ -8,13 +8,16 @@ __all__ = [
     "DatasetDocument",
     "DatasetList",
     "Link",
+    "PointValues",
     "Problem",
     "Process",
     "ProcessList",
     "Refused",
     "ResultReference",
+    "Skyline",
     "StatusInfo",
     "StatusList",
+    "TileGrid",
 ]
 
 Status = Literal["accepted", "running", "successful", "failed", "dismissed"]
@@ -150,6 +153,42 @@ class DatasetList(Document):
 
     datasets: list[DatasetDocument]
     links: list[Link]
+
+
+class TileGrid(Document):
+    """TileJSON 3.0, and which bands there are."""
+
+    tilejson: str
+    name: str
+    scheme: Literal["xyz"]
+    tiles: list[str]
+    minzoom: int
+    maxzoom: int = Field(description="At which a pixel is about a cell.")
+    bounds: list[float] = Field(description="West, south, east, north [degrees, or cells].")
+    center: list[float]
+    grid: Literal["WebMercatorQuad", "cells"] = Field(
+        description="cells: the raster has no place on the Earth and is cut along its own cells."
+    )
+    bands: list[str]
+    unit: str | None
+
+
+class PointValues(Document):
+    """The values of a raster at a place."""
+
+    coordinates: list[float] = Field(description="Longitude, latitude [degrees].")
+    values: list[float | None]
+    band_names: list[str]
+    band_descriptions: list[str]
+    unit: str | None
+
+
+class Skyline(Document):
+    """A horizon, as PVGIS prints it, and more exactly besides."""
+
+    inputs: dict[str, Any]
+    outputs: dict[str, Any]
+    meta: dict[str, Any]
 
 
 class Process(Document):

@@ -49,6 +49,7 @@ class Settings(BaseSettings):
     api_keys_file: Path | None = None
     rate_api: str = "1200/m"
     rate_submit: str = "120/m"
+    rate_tiles: str = "12000/m"
     tenant_max_jobs: int = Field(default=100, ge=1)
     tenant_max_bytes: int = Field(default=50 * GIB, ge=1)
     tenant_cells_per_day: int = Field(default=100_000_000_000, ge=1)
@@ -81,6 +82,10 @@ class Settings(BaseSettings):
     upload_idle: float = Field(default=60.0, gt=0)
     min_free_bytes: int = Field(default=1 * GIB, ge=0)
 
+    viewers: int = Field(default_factory=lambda: min(2, os.cpu_count() or 1), ge=1, le=64)
+    view_timeout: float = Field(default=20.0, gt=0)
+    view_cache_bytes: int = Field(default=10 * GIB, ge=0)
+
     log_level: Literal["debug", "info", "warning", "error"] = "info"
 
     @model_validator(mode="after")
@@ -94,7 +99,7 @@ class Settings(BaseSettings):
             )
         return self
 
-    @field_validator("rate_api", "rate_submit")
+    @field_validator("rate_api", "rate_submit", "rate_tiles")
     @classmethod
     def _is_rate(cls, text: str) -> str:
         Rate.parse(text)

@@ -127,4 +127,12 @@ def require_room(service: Service) -> None:
 def described(dataset: Dataset, base: str) -> dict[str, Any]:
     """Return the public form of a dataset with its links."""
     href = f"{base}/datasets/{dataset.id}"
-    return public(dataset) | {"links": [{"rel": "self", "type": "application/json", "href": href}]}
+    links = [
+        ("self", "application/json", ""),
+        ("tilejson", "application/json", "/tilejson.json"),
+        ("preview", "image/png", "/preview.png"),
+        ("map", "text/html", "/map.html"),
+    ]
+    return public(dataset) | {
+        "links": [{"rel": rel, "type": media, "href": href + path} for rel, media, path in links]
+    }

@@ -13,7 +13,7 @@ from common import DEM, ROOT, record, serving
 
 sys.path.insert(0, str(ROOT / "tests" / "chaos"))
 
-from storm import kill_storm, nothing_wrong  # noqa: E402
+from storm import kill_storm, nothing_wrong
 
 
 def main() -> int:

@@ -24,8 +24,9 @@ ADRET = Path(sys.executable).with_name("adret")
 class Server:
     """One `adret serve` process; `url` is its address, `data` its folder."""
 
-    def __init__(self, data: Path, **environment: str) -> None:
+    def __init__(self, data: Path, program: Path = ADRET, **environment: str) -> None:
         self.data = data
+        self.program = program
         self.environment = environment
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
@@ -40,7 +41,14 @@ class Server:
         self.data.mkdir(exist_ok=True)
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
-                [str(ADRET), "serve", "--port", str(self.port), "--data-dir", str(self.data)],
+                [
+                    str(self.program),
+                    "serve",
+                    "--port",
+                    str(self.port),
+                    "--data-dir",
+                    str(self.data),
+                ],
                 env={
                     **os.environ,
                     "ADRET_LIVENESS_INTERVAL": "0.3",

@@ -21,9 +21,21 @@ from adret_service.engine.port import JobEngine
 from adret_service.ingest import Ingest
 from adret_service.middleware import BodyLimit, RequestId, SameOrigin
 from adret_service.rates import Buckets, Rate
-from adret_service.routes import datasets, events, health, jobs, landing, processes, skylines, views
+from adret_service.routes import (
+    datasets,
+    events,
+    execution,
+    health,
+    jobs,
+    landing,
+    processes,
+    results,
+    skylines,
+    views,
+)
 from adret_service.settings import Settings
 from adret_service.storage import open_storage
+from adret_service.upkeep import Upkeep
 from adret_service.viewers import Viewers
 
 __all__ = ["create_app"]
@@ -68,7 +80,18 @@ def create_app(settings: Settings, engine: JobEngine | None = None) -> FastAPI:
         separate_input_output_schemas=False,
         responses={"default": {"model": documents.Problem, "description": "Refused, and why."}},
     )
-    for router in (landing, processes, jobs, events, datasets, views, skylines, health):
+    for router in (
+        landing,
+        processes,
+        execution,
+        jobs,
+        results,
+        events,
+        datasets,
+        views,
+        skylines,
+        health,
+    ):
         app.include_router(router.router)
     problems.install(app)
     app.add_middleware(BodyLimit, limit=settings.max_body_bytes, exempt="/uploads")
@@ -104,6 +127,7 @@ def open_service(
     if engine is None:
         engine = DurableEngine(settings, database)
         stack.callback(engine.close)
+        stack.enter_context(Upkeep(settings, database, storage))
     ingest = Ingest(settings, catalogue, lease.scratch)
     ingest.decoder.start()
     stack.callback(ingest.decoder.close)

@@ -14,6 +14,7 @@ __all__ = [
     "ProcessList",
     "Refused",
     "ResultReference",
+    "Results",
     "Skyline",
     "StatusInfo",
     "StatusList",
@@ -93,6 +94,13 @@ class ResultReference(Document):
     type: str
     length: int = Field(description="Bytes.")
     sha256: str
+
+
+class Results(Document):
+    """Outputs by name: each a link (`ResultReference`), or a value."""
+
+    result: ResultReference | dict[str, Any] | None = None
+    preview: ResultReference | dict[str, Any] | None = None
 
 
 class LogLine(Document):

@@ -17,7 +17,7 @@ def document() -> str:
 
 
 def main() -> None:
-    """Write the document to the file on the command line, by default to ``openapi/adret-v1.json``."""
+    """Write the document to the file on the command line, by default into ``openapi/``."""
     target = Path(sys.argv[1] if len(sys.argv) > 1 else "openapi/adret-v1.json")
     target.write_text(document(), encoding="utf-8")
 

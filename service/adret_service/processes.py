@@ -1,6 +1,8 @@
 """The library's products as OGC processes: schemas and checks come from their typed parameters."""
 
-from functools import cache
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache, partial
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le, Len
@@ -22,7 +24,7 @@ from adret.products import PRODUCTS
 from adret_service.datasets import GEOTIFF
 from adret_service.problems import FieldError, field_error, invalid
 
-__all__ = ["description", "names", "parameters", "reads", "summary", "validated"]
+__all__ = ["Process", "names", "parameters", "process", "validated"]
 
 # Nothing a client sends may become a path; these only matter beside an environment map's.
 WITHHELD = {"environment_rotation_deg", "normal_angles"}
@@ -59,31 +61,72 @@ def names() -> list[str]:
     return list(PRODUCTS)
 
 
-def reads(name: str) -> str:
-    """Return the kind of dataset that a process takes: "terrain" or "depth"."""
-    return PRODUCTS[name].reads
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Process:
+    """What can be ordered.
+
+    Attributes
+    ----------
+    id, title, description, version : str
+        For clients.
+    control : tuple of str
+        How it may be ordered: sync-execute, async-execute, dismiss.
+    inputs, outputs : mapping of str to dict
+        Descriptions by name, each with a JSON Schema.
+    reads : str or None
+        Kind of dataset that it takes: "terrain" or "depth"; None for none.
+    objects : tuple of str
+        Inputs that are JSON objects.
+    validate : callable
+        Checks inputs; returns the dataset's id and the parameters as JSON values.
+    """
+
+    id: str
+    title: str
+    description: str
+    version: str
+    control: tuple[str, ...]
+    inputs: Mapping[str, dict[str, Any]]
+    outputs: Mapping[str, dict[str, Any]]
+    reads: str | None
+    objects: tuple[str, ...] = ()
+    validate: Callable[[Mapping[str, Any]], tuple[str, dict[str, Any]]]
+
+    def summary(self) -> dict[str, Any]:
+        """Return the short form."""
+        return {
+            "id": self.id,
+            "title": self.title,
+            "description": self.description,
+            "version": self.version,
+            "jobControlOptions": list(self.control),
+            "outputTransmission": ["reference", "value"],
+        }
 
 
-def summary(name: str) -> dict[str, Any]:
-    """Return the short form of a process."""
+@cache
+def process(name: str) -> Process:
+    """Return the process of a product; a large raster takes its time, so it is never waited for."""
     product = PRODUCTS[name]
-    return {
-        "id": name,
-        "title": product.title,
-        "description": product.description,
-        "version": adret.__version__,
-        "jobControlOptions": ["async-execute", "dismiss"],
-        "outputTransmission": ["reference"],
-    }
+    return Process(
+        id=name,
+        title=product.title,
+        description=product.description,
+        version=adret.__version__,
+        control=("async-execute", "dismiss"),
+        inputs=_inputs(name),
+        outputs=OUTPUTS,
+        reads=product.reads,
+        validate=partial(validated, name),
+    )
 
 
-def description(name: str) -> dict[str, Any]:
-    """Return the full description: inputs as JSON Schema, and outputs."""
+def _inputs(name: str) -> dict[str, dict[str, Any]]:
     schema = _model(name).model_json_schema()
     required = schema.get("required", [])
     inputs = {}
     for key, entry in schema["properties"].items():
-        entry = dict(entry)
+        entry = plain(entry)
         inputs[key] = {
             "title": entry.pop("title", key),
             "description": entry.pop("description", ""),
@@ -91,10 +134,39 @@ def description(name: str) -> dict[str, Any]:
             "minOccurs": int(key in required),
             "maxOccurs": 1,
         }
-    return summary(name) | {"inputs": inputs, "outputs": OUTPUTS}
+    return inputs
 
 
-def validated(name: str, inputs: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+def plain(schema: dict[str, Any]) -> dict[str, Any]:
+    """Return a JSON Schema in words that the standard's own schema dialect has, too.
+
+    That dialect is OpenAPI 3.0's: null is no type there and a bound is exclusive by a flag. What
+    may be null may as well be left out, and is described so.
+
+    Examples
+    --------
+    >>> plain({"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"type": "null"}]})
+    {'type': 'number', 'minimum': 0, 'not': {'enum': [0]}, 'nullable': True}
+    """
+    found: dict[str, Any] = {}
+    for key, value in schema.items():
+        if key == "anyOf":
+            branches = [plain(branch) for branch in value if branch != {"type": "null"}]
+            found |= branches[0] if len(branches) == 1 else {"anyOf": branches}
+            if len(branches) < len(value):
+                found["nullable"] = True
+        elif key == "exclusiveMinimum":
+            found |= {"minimum": value, "not": {"enum": [value]}}
+        elif key == "const":
+            found["enum"] = [value]
+        elif key == "items":
+            found["items"] = plain(value)
+        elif key != "default" or value is not None:
+            found[key] = value
+    return found
+
+
+def validated(name: str, inputs: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """Check the inputs of an order; returns the dataset's id and the parameters as JSON values.
 
     Raises
@@ -103,7 +175,7 @@ def validated(name: str, inputs: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         400 that names every refused input at once.
     """
     try:
-        checked = _model(name).model_validate(inputs).model_dump(mode="json")
+        checked = _model(name).model_validate(dict(inputs)).model_dump(mode="json")
     except ValidationError as error:
         entries = error.errors(include_url=False, include_context=False)
         raise invalid(*(_under_inputs(field_error(entry)) for entry in entries)) from None
@@ -126,7 +198,7 @@ def _model(name: str) -> type[BaseModel]:
     dataset = Annotated[
         str,
         Strict(),
-        Field(pattern="^[0-9a-hjkmnp-tv-z]{26}$", description=DATASETS[reads(name)]),
+        Field(pattern="^[0-9a-hjkmnp-tv-z]{26}$", description=DATASETS[PRODUCTS[name].reads]),
     ]
     fields: dict[str, Any] = {"dataset": (dataset, ...)}
     for spec in specifications(PRODUCTS[name].parameters):

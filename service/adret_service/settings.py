@@ -15,6 +15,7 @@ __all__ = ["WORKFLOW_VERSION", "Settings"]
 WORKFLOW_VERSION = "adret-wf-1"
 
 KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
+SECRET_LENGTH = 16  # characters of the secret that signs callbacks, at least
 
 
 def _default_data_dir() -> Path:
@@ -67,6 +68,17 @@ class Settings(BaseSettings):
     liveness_interval: float = Field(default=2.0, gt=0)
     liveness_grace: float = Field(default=10.0, ge=0)
 
+    enable_echo: bool = False
+    sync_wait: float = Field(default=30.0, gt=0, le=300.0)
+    sync_max_cells: int = Field(default=4_000_000, ge=0)
+    sync_slots: int = Field(default=32, ge=0)
+    inline_max_bytes: int = Field(default=16 * MIB, ge=0)
+    webhook_hosts: str = ""
+    webhook_secret: str = Field(default="", repr=False)
+    webhook_allow_private: bool = False
+    webhook_attempts: int = Field(default=6, ge=1, le=20)
+    webhook_pause: float = Field(default=1.0, gt=0)
+
     max_body_bytes: int = Field(default=1 * MIB, ge=1)
     max_upload_bytes: int = Field(default=2 * GIB, ge=1)
     max_pixels: int = Field(default=1_000_000_000, ge=1)
@@ -96,6 +108,15 @@ class Settings(BaseSettings):
             raise ValueError(
                 f"workers × job_slots × threads_per_job: must be at most {cores} (cores), "
                 f"got {wanted}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _callbacks_are_signed(self) -> Self:
+        if self.webhook_hosts and len(self.webhook_secret) < SECRET_LENGTH:
+            raise ValueError(
+                f"webhook_secret: must be of at least {SECRET_LENGTH} characters with "
+                f"webhook_hosts, got {len(self.webhook_secret)}"
             )
         return self
 

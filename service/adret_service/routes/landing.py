@@ -9,7 +9,8 @@ from adret_service.context import BaseUrl
 router = APIRouter(tags=["landing"])
 
 OGC = "http://www.opengis.net/spec/ogcapi-processes-1/1.0/conf/"
-CONFORMS_TO = [OGC + name for name in ("core", "json", "job-list", "dismiss")]
+CLASSES = ("core", "json", "ogc-process-description", "job-list", "dismiss", "callback")
+CONFORMS_TO = [OGC + name for name in CLASSES]
 REL = "http://www.opengis.net/def/rel/ogc/1.0/"
 
 

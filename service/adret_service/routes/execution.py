@@ -1,0 +1,259 @@
+"""Orders: a process is executed in a worker, and its client comes back for it or waits."""
+
+import hashlib
+import json
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from functools import partial
+from typing import Annotated, Any
+
+import anyio
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, Header, Request, Response
+from starlette.responses import JSONResponse
+
+from adret_service.context import BaseUrl, Service, ServiceDep, Tenant
+from adret_service.datasets import Dataset
+from adret_service.documents import StatusInfo
+from adret_service.engine.port import JobRecord, KeyReused, OverQuota, Quota, RequestKey
+from adret_service.examples import EXECUTIONS
+from adret_service.ids import new_id
+from adret_service.offers import offered
+from adret_service.orders import Execute, checked_request
+from adret_service.outbound import Outbound
+from adret_service.prefer import preferences
+from adret_service.problems import NO_SUCH_PROCESS, FieldError, Problem, invalid
+from adret_service.processes import Process
+from adret_service.references import resolved
+from adret_service.results import results_response
+from adret_service.routes.datasets import require_room
+from adret_service.routes.jobs import artefacts_of
+from adret_service.settings import Settings
+from adret_service.status import status_info
+
+router = APIRouter(tags=["processes"])
+
+LOOKS = (0.02, 0.25)  # seconds between looks at a job that somebody waits for: first, and later
+ORDERED: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "The results, where the client waited for them: a document, one raw "
+        "output, or several as multipart/related.",
+        "content": {"application/json": {}, "image/tiff": {}, "multipart/related": {}},
+    },
+    201: {"model": StatusInfo, "description": "The job, in a queue; `Location` is its address."},
+    204: {"description": "The results are all references, in `Link` headers."},
+}
+
+
+@router.post(
+    "/processes/{process_id}/execution",
+    status_code=201,
+    operation_id="execute",
+    response_class=JSONResponse,
+    response_model=None,
+    responses=ORDERED,
+    openapi_extra={
+        "requestBody": {"content": {"application/json": {"examples": EXECUTIONS}}},
+    },
+)
+async def execute_process(
+    process_id: str,
+    order: Execute,
+    request: Request,
+    response: Response,
+    service: ServiceDep,
+    tenant: Tenant,
+    base: BaseUrl,
+    key: Annotated[
+        str | None,
+        Header(
+            alias="Idempotency-Key",
+            min_length=1,
+            max_length=255,
+            description="A name for this order: sent again, it is answered with the same job.",
+        ),
+    ] = None,
+    prefer: Annotated[
+        list[str] | None,
+        Header(
+            description="respond-async: do not wait. wait=10: wait so many seconds for the "
+            "results of a small order, and answer with its job only then.",
+        ),
+    ] = None,
+) -> Response:
+    """Order a computation.
+
+    It runs in a worker, and `Location` is its job. A process that offers sync-execute is waited for
+    unless `Prefer` says otherwise; any other small order is waited for if `Prefer` asks for it.
+    Whoever waits in vain gets the job.
+    """
+    process = known_process(service, process_id)
+    preferred = preferences(prefer or [])
+    place = partial(placed, service, process, order, tenant, base, request, key)
+    job, cells = await run_sync(place)
+    headers = {k: v for k, v in response.headers.items() if k.startswith("ratelimit")}
+    seconds = patience(process, cells, preferred, service.settings)
+    if seconds is not None:
+        async with turn(request, service.settings) as granted:
+            ended = await until_finished(service, job, seconds) if granted else None
+        if ended is not None:
+            if "wait" in preferred:
+                headers["Preference-Applied"] = f"wait={preferred['wait']}"
+            headers["Link"] = f"<{base}/jobs/{job.id}>; rel=monitor"
+            return await run_sync(partial(answer, service, ended, base, request, headers))
+        job = await run_sync(service.engine.get, job.id, tenant) or job
+    elif "respond-async" in preferred:
+        headers["Preference-Applied"] = "respond-async"
+    headers["Location"] = f"{base}/jobs/{job.id}"
+    return JSONResponse(status_info(job, base), 201, headers)
+
+
+def placed(
+    service: Service,
+    process: Process,
+    order: Execute,
+    tenant: str,
+    base: str,
+    request: Request,
+    key: str | None,
+) -> tuple[JobRecord, int]:
+    """Check an order and have it accepted; returns its job and the cells it is about."""
+    dataset, inputs, found = checked(service, process, order, tenant, base)
+    outbound = Outbound(
+        service.settings.webhook_hosts, allow_private=service.settings.webhook_allow_private
+    )
+    wanted = checked_request(order, process, outbound)
+    require_room(service)
+    waiting = service.engine.waiting()
+    if waiting >= service.settings.queue_max:
+        detail = f"queue: must be below {service.settings.queue_max} waiting jobs, got {waiting}"
+        raise Problem(503, detail, headers={"Retry-After": "30"})
+    cells = cells_of(found)
+    ordered = [process.id, dataset, inputs, wanted]
+    digest = hashlib.sha256(json.dumps(ordered, sort_keys=True).encode()).hexdigest()
+    kept = wanted | {
+        "base": base,
+        "request_id": request.scope.get("request_id", ""),
+        "cells": cells,
+    }
+    job = JobRecord(
+        id=new_id(),
+        tenant=tenant,
+        process=process.id,
+        dataset=dataset,
+        inputs=inputs,
+        request=kept,
+    )
+    named = None if key is None else RequestKey(key=key, digest=digest)
+    try:
+        quota = quota_of(service.settings)
+        job = service.engine.submit(job, named, cells=cells, quota=quota)
+    except LookupError:
+        raise invalid(unknown_dataset(dataset)) from None
+    except OverQuota as over:
+        error = FieldError(over.field, over.limit, over.value)
+        wait = 86_400 - int(time.time()) % 86_400 if over.until_midnight else 10
+        raise Problem(429, str(error), errors=[error], headers={"Retry-After": str(wait)}) from None
+    except KeyReused:
+        error = FieldError("Idempotency-Key", "new, or sent with the order it was made for", key)
+        raise Problem(422, str(error), errors=[error]) from None
+    return job, cells
+
+
+def checked(
+    service: Service, process: Process, order: Execute, tenant: str, base: str
+) -> tuple[str, dict[str, Any], Dataset | None]:
+    """Return the dataset's id, the inputs and the dataset of an order that could be run."""
+    inputs = resolved(order.inputs, base, process.objects)
+    dataset, checked_inputs = process.validate(inputs)
+    if process.reads is None:
+        return dataset, checked_inputs, None
+    found = service.catalogue.get(dataset, tenant)
+    if found is None:
+        raise invalid(unknown_dataset(dataset))
+    kind = found.info.get("kind", "terrain")
+    if kind != process.reads:
+        limit = f"a dataset of kind {process.reads}"
+        raise invalid(FieldError("inputs.dataset", limit, f"one of kind {kind}"))
+    return dataset, checked_inputs, found
+
+
+def unknown_dataset(dataset: str) -> FieldError:
+    """Return the refusal of a dataset that is not there, or not this tenant's."""
+    return FieldError("inputs.dataset", "the id of an existing dataset", dataset)
+
+
+def cells_of(dataset: Dataset | None) -> int:
+    """Return the cells of a dataset, none of none."""
+    return 0 if dataset is None else int(dataset.info["rows"]) * int(dataset.info["columns"])
+
+
+def known_process(service: Service, process_id: str) -> Process:
+    """Return the process or answer 404."""
+    process = offered(echo=service.settings.enable_echo).get(process_id)
+    if process is None:
+        raise Problem(404, "no such process", type_=NO_SUCH_PROCESS)
+    return process
+
+
+def quota_of(settings: Settings) -> Quota | None:
+    """Return what a tenant may order; None where everybody is the same one."""
+    if settings.auth == "none":
+        return None
+    return Quota(jobs=settings.tenant_max_jobs, cells_per_day=settings.tenant_cells_per_day)
+
+
+def patience(
+    process: Process, cells: int, preferred: dict[str, str], settings: Settings
+) -> float | None:
+    """Return how long to wait for an order's end [s]; None to answer with its job at once."""
+    wanted = preferred.get("wait", "")
+    if wanted.isascii() and wanted.isdigit() and len(wanted) < 10:
+        return None if cells > settings.sync_max_cells else min(float(wanted), settings.sync_wait)
+    if "respond-async" in preferred or "sync-execute" not in process.control:
+        return None
+    return settings.sync_wait
+
+
+@asynccontextmanager
+async def turn(request: Request, settings: Settings) -> AsyncIterator[bool]:
+    """Yield whether one more client may wait now; only so many may at a time."""
+    state = request.app.state
+    granted = getattr(state, "waiting", 0) < settings.sync_slots
+    state.waiting = getattr(state, "waiting", 0) + granted
+    try:
+        yield granted
+    finally:
+        state.waiting -= granted
+
+
+async def until_finished(service: Service, job: JobRecord, seconds: float) -> JobRecord | None:
+    """Return the job once it has ended, or None if it has not within so many seconds."""
+    deadline = time.monotonic() + seconds
+    pause, longest = LOOKS
+    while True:
+        found = await run_sync(service.engine.get, job.id, job.tenant)
+        if found is None or found.is_finished:
+            return found
+        left = deadline - time.monotonic()
+        if left <= 0.0:
+            return None
+        await anyio.sleep(min(pause, left))
+        pause = min(1.5 * pause, longest)
+
+
+def answer(
+    service: Service, job: JobRecord, base: str, request: Request, headers: dict[str, str]
+) -> Response:
+    """Return the results of a job that has ended, or raise what became of it."""
+    try:
+        artefacts = artefacts_of(service, job)
+    except Problem as problem:
+        problem.headers = {**(problem.headers or {}), **headers}
+        raise
+    limit = service.settings.inline_max_bytes
+    made = results_response(job, artefacts, service.storage, base, limit, request)
+    for name, value in headers.items():
+        made.headers.append(name, value)
+    return made

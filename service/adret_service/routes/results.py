@@ -1,0 +1,87 @@
+"""Results of jobs: as they were ordered, and one by one."""
+
+import dataclasses
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request, Response
+from starlette.responses import JSONResponse
+
+from adret_service.artefacts import serve_artefact
+from adret_service.context import BaseUrl, ServiceDep, Tenant
+from adret_service.documents import Results
+from adret_service.problems import FieldError, Problem, invalid
+from adret_service.results import file_name, results_response
+from adret_service.routes.jobs import artefacts_of, found_job
+
+router = APIRouter(tags=["jobs"])
+
+ALIASES = {"preview.png": "preview", "result.tif": "result"}
+BINARY: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "The whole file.",
+        "content": {"image/tiff": {}, "image/png": {}, "application/json": {}},
+    },
+    206: {"description": "The bytes of one range."},
+    304: {"description": "The client has it already."},
+}
+RESULTS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "model": Results,
+        "description": "A document, one raw output, or several as multipart/related.",
+        "content": {"image/tiff": {}, "multipart/related": {}},
+    },
+    204: {"description": "The results are all references, in `Link` headers."},
+}
+
+
+@router.get(
+    "/jobs/{job_id}/results",
+    operation_id="getResults",
+    response_class=JSONResponse,
+    response_model=None,
+    responses=RESULTS,
+)
+def get_results(
+    job_id: str,
+    request: Request,
+    service: ServiceDep,
+    tenant: Tenant,
+    base: BaseUrl,
+    outputs: Annotated[
+        str | None, Query(max_length=200, description="Only these outputs: names and commas.")
+    ] = None,
+) -> Response:
+    """Return the results in the form in which they were ordered."""
+    job = found_job(service, job_id, tenant)
+    artefacts = artefacts_of(service, job)
+    if outputs is not None:
+        names = [name for name in outputs.split(",") if name]
+        unknown = [name for name in names if name not in artefacts]
+        if unknown:
+            limit = f"of {', '.join(artefacts)}"
+            raise invalid(*(FieldError("outputs", limit, name) for name in unknown))
+        ordered = job.request.get("outputs") or {}
+        modes = {name: ordered.get(name) for name in names}
+        job = dataclasses.replace(job, request={**job.request, "outputs": modes})
+    limit = service.settings.inline_max_bytes
+    return results_response(job, artefacts, service.storage, base, limit, request)
+
+
+@router.get(
+    "/jobs/{job_id}/results/{output}",
+    operation_id="getResult",
+    responses=BINARY,
+    response_class=Response,
+)
+@router.head("/jobs/{job_id}/results/{output}", include_in_schema=False)
+def get_result(
+    job_id: str, output: str, request: Request, service: ServiceDep, tenant: Tenant
+) -> Response:
+    """Return the bytes of one output: whole, one range of them, or 304."""
+    job = found_job(service, job_id, tenant)
+    artefacts = artefacts_of(service, job)
+    artefact = artefacts.get(ALIASES.get(output, output))
+    if artefact is None:
+        error = FieldError("output", f"one of {', '.join(artefacts)}", output)
+        raise Problem(404, str(error), errors=[error])
+    return serve_artefact(request, service.storage, artefact, file_name(job, artefact))

@@ -1,0 +1,1 @@
+"""The public conformance suite's assertions, against a real server."""

@@ -123,7 +123,8 @@ class SqlLedger:
     ) -> None:
         """Add an order to its tenant's day, inside the caller's transaction.
 
-        The day's row is written first, so of two orders at once the second waits for the first.
+        It comes last in the transaction, after the job's own row: of two orders of a tenant at once
+        the second waits here for the first, and for nothing longer.
 
         Raises
         ------
@@ -147,7 +148,7 @@ class SqlLedger:
             limit = f"at most {quota.cells_per_day} in a day"
             raise OverQuota("cells", limit, used, until_midnight=True)
         unfinished = sa.select(sa.func.count()).where(jobs.c.tenant == tenant, OPEN)
-        waiting = int(connection.execute(unfinished).scalar_one())
+        waiting = int(connection.execute(unfinished).scalar_one()) - 1  # but for this one
         if waiting >= quota.jobs:
             limit = f"below {quota.jobs} that are not finished"
             raise OverQuota("jobs", limit, waiting, until_midnight=False)

@@ -11,7 +11,7 @@ import httpx
 import pytest
 from pydantic import ValidationError
 
-from adret_service.client import downloads, following, session
+from adret_service.client import downloads, following, session, uploads
 from adret_service.client.credentials import Credentials
 from adret_service.client.downloads import fetch, part_of
 from adret_service.client.errors import AWAY, ENDED, WRONG, ClientError
@@ -29,7 +29,7 @@ CONTENT = bytes(range(256)) * 40
 def naps(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Nobody sleeps; what they would have slept."""
     taken: list[float] = []
-    for module in (session, following, downloads):
+    for module in (session, following, downloads, uploads):
         monkeypatch.setattr(module.time, "sleep", taken.append)
     return taken
 
@@ -141,6 +141,77 @@ def test_an_upload_that_breaks_starts_again(tmp_path: Path) -> None:
     assert (dataset.id, dataset.rows, dataset.columns) == ("d", 2, 3)
     assert bodies == [CONTENT] * 3
     assert sent == [0, len(CONTENT)] * 3
+
+
+class Tus:
+    """A service that takes pieces, and loses connections when it is told to."""
+
+    def __init__(self, *breaks: int) -> None:
+        self.breaks = list(breaks)  # each piece is cut after so many bytes
+        self.body = b""
+        self.begun = 0
+        self.plain = 0
+
+    def __call__(self, request: httpx.Request) -> httpx.Response:
+        dataset = {"id": "d", "rows": 2, "columns": 3}
+        if request.url.path == "/uploads":
+            self.plain += 1
+            return httpx.Response(201, json=dataset)
+        if request.url.path == "/datasets/d":
+            return httpx.Response(200, json=dataset)
+        if request.method == "POST":
+            self.begun += 1
+            assert request.headers["upload-length"] == str(len(CONTENT))
+            assert dict(request.url.params) == {"band": "2"}
+            return httpx.Response(201, headers={"location": "http://front/uploads/tus/u1"})
+        assert request.url.path == "/uploads/tus/u1"
+        if not self.begun:
+            return httpx.Response(404, json={"detail": "no such upload", "status": 404})
+        if request.method == "GET":
+            state: dict[str, Any] = {"offset": len(self.body)}
+            done = len(self.body) == len(CONTENT)
+            return httpx.Response(200, json=state | ({"dataset": "d"} if done else {}))
+        assert request.headers["upload-offset"] == str(len(self.body))
+        piece = request.read()
+        if self.breaks:
+            self.body += piece[: self.breaks.pop(0)]
+            raise httpx.WriteError("broken", request=request)
+        self.body += piece
+        return httpx.Response(204)
+
+
+def test_a_large_upload_goes_on_where_it_broke_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(uploads, "WHOLE", 100)
+    monkeypatch.setattr(uploads, "PIECE", 4000)
+    file, notes, sent = tmp_path / "dem.tif", tmp_path / "notes", []
+    file.write_bytes(CONTENT)
+    service = Tus(1000, 0, 10)
+    dataset = uploads.upload(answering(service), file, {"band": 2}, sent.append, notes)
+    assert (dataset.id, service.body, service.begun) == ("d", CONTENT, 1)
+    assert list(notes.iterdir()) == []
+    assert sent == sorted(sent)
+    assert sent[-1] == len(CONTENT)
+
+    service = Tus(1000)
+    with pytest.raises(ClientError, match="must be a service that answers"):
+        uploads.upload(answering(service, patience=-1), file, {"band": 2}, sent.append, notes)
+    assert uploads.upload(answering(service), file, {"band": 2}, sent.append, notes).id == "d"
+    assert (service.body, service.begun) == (CONTENT, 1)
+
+    (notes / uploads.name_of(answering(service), file, {"band": 2})).write_text("u1")
+    service = Tus()
+    uploads.upload(answering(service), file, {"band": 2}, sent.append, notes)
+    assert (service.body, service.begun, service.plain) == (CONTENT, 1, 0)
+
+    def without(request: httpx.Request) -> httpx.Response:
+        if request.url.path.startswith("/uploads/tus"):
+            return httpx.Response(404, json={"detail": "Not Found", "status": 404})
+        return service(request)
+
+    assert uploads.upload(answering(without), file, {"band": 2}, sent.append, notes).id == "d"
+    assert service.plain == 1
 
 
 def test_an_order_that_is_repeated_keeps_its_key() -> None:

@@ -150,7 +150,7 @@ class Client:
         """
         while not (job := self.job(job_id)).is_finished:
             try:
-                answer = self._http.request("DELETE", f"/jobs/{job.id}")
+                answer = self.once("DELETE", f"/jobs/{job.id}")
                 if not answer.is_error:
                     return Job.read(answer.json())
                 if answer.status_code not in LATER:
@@ -230,7 +230,7 @@ class Client:
             left = self.patience - (time.monotonic() - began)
             body = None if content is None else content()
             try:
-                answer = self._http.request(method, path, content=body, **options)
+                answer = self.once(method, path, content=body, **options)
                 self._reached = True
                 if not answer.is_error:
                     return answer
@@ -243,6 +243,16 @@ class Client:
                     raise self.away(error) from None
             time.sleep(wait)
             pause = min(2 * pause, PAUSES[1])
+
+    def once(self, method: str, path: str, **options: Any) -> httpx.Response:
+        """Send a request that must not be repeated blindly; any answer is returned.
+
+        Raises
+        ------
+        httpx.TransportError
+            If no answer came; what was asked for may have happened.
+        """
+        return self._http.request(method, path, **options)
 
     def away(self, error: Exception) -> ClientError:
         """Return what to say of a service that does not answer."""

@@ -46,9 +46,12 @@ def open_client(url: str | None) -> "Client":
 def send(client: "Client", file: Path, asked: dict[str, Any], *, shown: bool) -> "Dataset":
     """Upload with a bar."""
     from adret_service.client.bars import bytes_bar
+    from adret_service.client.credentials import credentials_file
+    from adret_service.client.uploads import upload
 
+    notes = credentials_file().with_name("uploads")
     with bytes_bar(f"send {file.name}", file.stat().st_size, shown=shown) as sent:
-        return client.upload(file, asked, sent)
+        return upload(client, file, asked, sent, notes)
 
 
 def wait_or_cancel(client: "Client", job: "Job", *, shown: bool) -> "Job":

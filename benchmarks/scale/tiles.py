@@ -6,18 +6,19 @@
 
 Each writes into results/tiles.json. A raster's tiles are alike, so one row of them in its middle
 stands for all: with a range, a tile does not know how large its raster is. The time of the whole is
-extrapolated from it. One process, all threads; the least time of two where it says so.
+extrapolated from it. One worker process, all threads. The machine may be busy with other things, so
+rates are given by the processor's time as well.
 """
 
 import argparse
 import json
 import os
 import platform
-import resource
 import subprocess
 import tempfile
 import time
-from dataclasses import asdict
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,15 @@ import numpy as np
 
 import adret
 from adret import products
-from adret.tiling import Job, Surface, plan
-from adret.tiling.tasks import Tile, make_tile
+from adret.tiling import Job, Surface, plan, prepare
+from adret.tiling.executors import LocalExecutor, Order
+from adret.tiling.tasks import Tile, Written
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results"
 DIRECTIONS = 32
+OVERHEAD_DIRECTIONS = 16
+MARGIN = 1024  # rows round the tiles that hold ground
 RANGE = 20_000.0
 GIB = 1 << 30
 
@@ -62,28 +66,34 @@ def machine() -> Entry:
     }
 
 
-def warm_up(folder: Path) -> None:
-    """Compile, so that no tile pays for it."""
-    path = folder / "warm.tif"
-    moon.write(path, 1024, [(0, 1024)])
-    job = Job(Surface.open([path]), parameters(8, RANGE), 512)
-    for name in job.products:
-        make_tile(job, name, job.tiles[0], folder / "warm-tile.tif")
+def run(job: Job, tiles: list[Tile], product: str, folder: Path) -> list[Written]:
+    """Make tiles in one fresh process with all threads, as a batch does; the first one compiles."""
+    prepare(job, folder, resume=folder.exists())
+    warm = {product: replace(job.products[product], directions=8)}
+    warm_folder = folder.with_name(f"{folder.name}-warm")
+    prepare(Job(job.surface, warm, 512), warm_folder)
+    orders = [Order(str(warm_folder), product, tiles[0].rows[0] // 512 * 512, 0)]
+    orders += [Order(str(folder), product, each.rows[0], each.columns[0]) for each in tiles]
+    with closing(LocalExecutor(1, os.cpu_count() or 1)) as executor:
+        found = {}
+        for order in orders:
+            (outcome,) = executor.map([order])
+            if outcome.written is None:
+                raise RuntimeError(outcome.error)
+            found[order] = outcome.written
+    return [found[order] for order in orders[1:]]
 
 
 def one_size(size: int, tile: int, count: int) -> Entry:
     """Tiles from the middle of a raster, both products."""
     with tempfile.TemporaryDirectory(dir=os.environ.get("ADRET_SCRATCH")) as name:
         folder = Path(name)
-        warm_up(folder)
         path = folder / "moon.tif"
         top = min(size // 2 // tile * tile, max(size - tile, 0))
-        margin = 1024
         start = time.perf_counter()
-        moon.write(path, size, [(max(top - margin, 0), min(top + tile + margin, size))])
+        moon.write(path, size, [(max(top - MARGIN, 0), min(top + tile + MARGIN, size))])
         made = time.perf_counter() - start
-        surface = Surface.open([path])
-        job = Job(surface, parameters(DIRECTIONS, RANGE), tile)
+        job = Job(Surface.open([path]), parameters(DIRECTIONS, RANGE), tile)
         row = [each for each in job.tiles if each.rows[0] == top]
         chosen = row[:: max(1, len(row) // count)][:count]
         entry: Entry = {
@@ -97,59 +107,48 @@ def one_size(size: int, tile: int, count: int) -> Entry:
             "products": {},
         }
         for product in job.products:
-            written = [
-                make_tile(job, product, each, folder / f"{product}-{each.name}.tif")
-                for each in chosen
-            ]
-            seconds = sum(each.seconds for each in written)
+            written = run(job, chosen, product, folder / product)
+            wall = sum(each.seconds for each in written)
+            busy = sum(each.cpu_seconds for each in written)
             cells = sum(each.cells for each in written)
             entry["products"][product] = {
-                "seconds": seconds,
+                "seconds": wall,
+                "cpu_seconds": busy,
                 "cells": cells,
-                "mcells_azimuths_per_s": cells * DIRECTIONS / seconds * 1e-6,
+                "mcells_azimuths_per_s": cells * DIRECTIONS / wall * 1e-6,
+                "mcells_azimuths_per_cpu_s": cells * DIRECTIONS / busy * 1e-6,
                 "bytes_a_cell": sum(each.bytes for each in written) / cells,
-                "whole_s": seconds / cells * size**2,
+                "whole_cpu_s": busy / cells * size**2,
                 "whole_bytes": sum(each.bytes for each in written) / cells * size**2,
+                "peak_rss": max(each.peak_rss for each in written),
             }
-        entry["peak_rss"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     return entry
 
 
 def overhead(size: int, tile: int) -> Entry:
     """Sky view of a whole raster in memory, and of the same raster tile by tile from its file."""
-    directions = 16
     with tempfile.TemporaryDirectory(dir=os.environ.get("ADRET_SCRATCH")) as name:
         folder = Path(name)
-        warm_up(folder)
         path = folder / "moon.tif"
         moon.write(path, size, [(0, size)])
-        job = Job(Surface.open([path]), parameters(directions, RANGE), tile)
-        given = job.products["sky-view"]
-        cut = []
-        start = time.perf_counter()
-        for each in job.tiles:
-            cut.append(make_tile(job, "sky-view", each, folder / f"{each.name}.tif"))
-        tiled = time.perf_counter() - start
-        rss = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-        start = time.perf_counter()
-        whole_tile = Tile((0, size), (0, size))
-        make_tile(
-            Job(job.surface, job.products, size), "sky-view", whole_tile, folder / "whole.tif"
-        )
-        whole = time.perf_counter() - start
-        return {
+        surface = Surface.open([path])
+        found: dict[str, list[Written]] = {}
+        for kind, side in (("tiled", tile), ("untiled", size)):
+            job = Job(surface, parameters(OVERHEAD_DIRECTIONS, RANGE), side)
+            found[kind] = run(job, job.tiles, "sky-view", folder / kind)
+        entry: Entry = {
             "size": size,
             "tile": tile,
-            "directions": directions,
+            "tiles": len(found["tiled"]),
+            "directions": OVERHEAD_DIRECTIONS,
             "max_distance": RANGE,
-            "tiles": len(cut),
-            "tiled_s": tiled,
-            "untiled_s": whole,
-            "overhead": tiled / whole - 1.0,
-            "tiled_peak_rss": rss,
-            "untiled_peak_rss": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
-            "parameters": asdict(given),
         }
+        for kind, written in found.items():
+            entry[f"{kind}_s"] = sum(each.seconds for each in written)
+            entry[f"{kind}_cpu_s"] = sum(each.cpu_seconds for each in written)
+            entry[f"{kind}_peak_rss"] = max(each.peak_rss for each in written)
+        entry["overhead"] = entry["tiled_cpu_s"] / entry["untiled_cpu_s"] - 1.0
+    return entry
 
 
 def keep(kind: str, key: str, entry: Entry) -> None:
@@ -178,23 +177,27 @@ def report() -> None:
         f"{known['machine']['cores']} cores, commit {known['machine']['commit']}; lunar raster, "
         f"{DIRECTIONS} azimuths, range {RANGE / 1000:g} km, curvature on.",
         "",
-        "| raster | tile | product | Mcells·azimuths/s | a worker, MiB (planned) | whole raster |",
-        "|---|---|---|---|---|---|",
+        "| raster | tile | product | Mcells·azimuths a CPU second | of wall time "
+        "| a worker, MiB (planned) | whole raster |",
+        "|---|---|---|---|---|---|---|",
     ]
     for entry in sizes:
         for product, found in entry["products"].items():
             lines.append(
                 f"| {entry['size']}² | {entry['tile']} | {product} "
+                f"| {found['mcells_azimuths_per_cpu_s']:.1f} "
                 f"| {found['mcells_azimuths_per_s']:.1f} "
-                f"| {entry['peak_rss'] / 2**20:.0f} ({entry['planned_bytes'] / 2**20:.0f}) "
-                f"| {found['whole_s'] / 60:.1f} min, {found['whole_bytes'] / GIB:.2f} GiB |"
+                f"| {found['peak_rss'] / 2**20:.0f} ({entry['planned_bytes'] / 2**20:.0f}) "
+                f"| {found['whole_cpu_s'] / 3600:.2f} CPU h, "
+                f"{found['whole_bytes'] / GIB:.2f} GiB of tiles |"
             )
     for entry in known.get("overhead", {}).values():
         lines += [
             "",
-            f"Sky view of {entry['size']}² in {entry['tiles']} tiles of {entry['tile']}²: "
-            f"{entry['tiled_s']:.1f} s and {entry['tiled_peak_rss'] / 2**20:.0f} MiB; untiled "
-            f"{entry['untiled_s']:.1f} s and {entry['untiled_peak_rss'] / 2**20:.0f} MiB: "
+            f"Sky view ({entry['directions']} azimuths) of {entry['size']}² in {entry['tiles']} "
+            f"tiles of {entry['tile']}²: {entry['tiled_cpu_s']:.1f} CPU s and "
+            f"{entry['tiled_peak_rss'] / 2**20:.0f} MiB; untiled {entry['untiled_cpu_s']:.1f} "
+            f"CPU s and {entry['untiled_peak_rss'] / 2**20:.0f} MiB: "
             f"{100 * entry['overhead']:+.1f} %.",
         ]
     (RESULTS / "tiles.md").write_text("\n".join(lines) + "\n")
@@ -203,12 +206,12 @@ def report() -> None:
         shown = [entry for entry in sizes if product in entry["products"]]
         axis.plot(
             [entry["size"] for entry in shown],
-            [entry["products"][product]["mcells_azimuths_per_s"] for entry in shown],
+            [entry["products"][product]["mcells_azimuths_per_cpu_s"] for entry in shown],
             "o-",
             label=product,
         )
     axis.set_xlabel("cells a side")
-    axis.set_ylabel("Mcells · azimuths / s")
+    axis.set_ylabel("Mcells · azimuths / CPU s")
     axis.set_ylim(bottom=0.0)
     axis.legend()
     figure.savefig(RESULTS / "tiles.png", dpi=120)

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from affine import Affine
     from pyproj import CRS
 
-__all__ = ["RasterGrid", "TerrainView", "checked_cell_size", "checked_transform"]
+__all__ = ["Frames", "RasterGrid", "TerrainView", "checked_cell_size", "checked_transform"]
 
 CELL_LIMITS = (1e-6, 1e7)
 
@@ -67,12 +67,39 @@ class RasterGrid:
         return geodesy.row_wise_grid(self.crs, self.transform, self.shape)
 
 
+class Frames(Protocol):
+    """Turned copies of a whole raster, kept outside of memory."""
+
+    def heights(self) -> NDArray[np.float32]:
+        """The whole raster [m above the datum], north-up."""
+
+    def frame(self, orientation: Any, near: int) -> NDArray[np.float32]:
+        """The padded heights of a sweep frame."""
+
+    def drop(self) -> None:
+        """Let go of the memory of what was touched."""
+
+    def upside_down(self) -> "Frames":
+        """The same of the raster turned upside down."""
+
+
 class TerrainView(NamedTuple):
-    """Heights [m above the datum] that a terrain sees, and the row and column where it begins."""
+    """What a terrain sees.
+
+    Attributes
+    ----------
+    heights : ndarray, shape (rows, columns), float32
+        Metres above the datum.
+    top, left : int
+        Row and column of `heights` at which the terrain begins.
+    frames : Frames or None
+        Of a tile that sees the whole of a raster larger than memory.
+    """
 
     heights: NDArray[np.float32]
     top: int
     left: int
+    frames: Frames | None = None
 
 
 def checked_cell_size(cell_size: Any) -> tuple[float, float]:

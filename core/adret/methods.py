@@ -61,7 +61,7 @@ class _Framed:
         if orientation not in self._frames:
             if len(self._frames) > 1:
                 del self._frames[next(iter(self._frames))]
-            seen, top, left = self.terrain.view
+            seen, top, left, stored = self.terrain.view
             row, column = self.terrain.origin
             self._frames[orientation] = SweepFrame(
                 seen,
@@ -70,8 +70,13 @@ class _Framed:
                 reach,
                 (row - top, column - left),
                 Receivers(top, left, *self.terrain.shape),
+                stored,
             )
         return self._frames[orientation]
+
+    def _drop(self) -> None:
+        if self.terrain.view.frames is not None:
+            self.terrain.view.frames.drop()
 
 
 class Sweep(_Framed):
@@ -91,6 +96,7 @@ class Sweep(_Framed):
             bend=o.bend,
             observer_height=o.observer_height,
         )
+        self._drop()
 
 
 class March(_Framed):
@@ -109,6 +115,7 @@ class March(_Framed):
             bend=o.bend,
             observer_height=o.observer_height,
         )
+        self._drop()
 
 
 class Exact:

@@ -16,7 +16,7 @@ def surface_slopes(terrain: Terrain) -> tuple[NDArray[np.float32], NDArray[np.fl
     """Rise per metre towards east and north, each (rows, columns); NaN at nodata."""
     rows, columns = terrain.shape
     # Of a tile, the neighbours of its edge cells as well.
-    heights, top, left = terrain.view
+    heights, top, left, _ = terrain.view
     above, before = min(top, 1), min(left, 1)
     heights = heights[top - above : top + rows + 1, left - before : left + columns + 1]
     per_width = np.empty(len(heights), dtype=np.float32)

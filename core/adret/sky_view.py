@@ -184,9 +184,13 @@ def _upside_down(terrain: Terrain) -> Terrain:
     turned._heights = -terrain.heights
     turned._heights.setflags(write=False)
     seen = terrain.view
-    turned._view = seen._replace(
-        heights=turned._heights if seen.heights is terrain.heights else -seen.heights
-    )
+    if seen.frames is not None:
+        frames = seen.frames.upside_down()
+        turned._view = seen._replace(heights=frames.heights(), frames=frames)
+    elif seen.heights is terrain.heights:
+        turned._view = seen._replace(heights=turned._heights)
+    else:
+        turned._view = seen._replace(heights=-seen.heights)
     turned._datum = -terrain.datum
     return turned
 

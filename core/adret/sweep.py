@@ -19,8 +19,9 @@ from adret._kernels.hull_window import hull_sweep_within
 from adret._kernels.march import march
 from adret._kernels.near_field import near_field, near_field_distance
 from adret._kernels.raster_edge import raise_by_edge
+from adret.grids import Frames
 
-__all__ = ["POOL", "Direction", "Layer", "Orientation", "Receivers", "SweepFrame"]
+__all__ = ["POOL", "RIGHT", "Direction", "Layer", "Orientation", "Receivers", "SweepFrame"]
 
 NEAR_ALONE = 3  # near radii within which a limited range is left to the near field: exact, quicker
 PAD = 4  # cells of NaN that a frame needs at least
@@ -168,6 +169,11 @@ def _stencil(
     )
 
 
+def padding(shape: tuple[int, int], near: int) -> tuple[int, int]:
+    """Rows and columns of NaN round a frame: no shift inside the raster is longer than that."""
+    return min(near, shape[0]) + PAD, min(near, shape[1]) + PAD
+
+
 class SweepFrame:
     """A raster turned for one octant, with the kernels that run in it.
 
@@ -186,6 +192,8 @@ class SweepFrame:
         and blocks of the far field are anchored there.
     receivers : Receivers, optional
         The part whose horizons are asked for: layers that are filled cover it alone.
+    stored : Frames, optional
+        Turned heights that exist already; without a range.
     """
 
     def __init__(
@@ -196,18 +204,19 @@ class SweepFrame:
         reach: int = 0,
         origin: tuple[int, int] = (0, 0),
         receivers: Receivers | None = None,
+        stored: Frames | None = None,
     ) -> None:
         shape = heights.shape[::-1] if orientation.swap else heights.shape
         self.shape: tuple[int, int] = (shape[0], shape[1])
         self.orientation = orientation
         self.near = near
-        self._heights = heights
-        self._receivers = receivers or Receivers(0, 0, *heights.shape)
-        # No shift inside the raster is longer than the raster.
-        rows, columns = (min(max(near, reach), length) + PAD for length in shape)
-        self._pad = (rows, columns)
-        self._z = np.full((shape[0] + rows, shape[1] + columns + RIGHT), np.nan, np.float32)
-        copy_oriented(heights, self._z[rows:, columns:-RIGHT], *self._turn())
+        self._heights, self._receivers = heights, receivers or Receivers(0, 0, *heights.shape)
+        rows, columns = self._pad = padding(self.shape, max(near, reach))
+        if stored:
+            self._z = stored.frame(orientation, near)
+        else:
+            self._z = np.full((shape[0] + rows, shape[1] + columns + RIGHT), np.nan, np.float32)
+            copy_oriented(heights, self._z[rows:, columns:-RIGHT], *self._turn())
         first = origin[1] if orientation.swap else origin[0]
         self._anchor = 1 - shape[0] - first if orientation.flip_rows else first
         self._best: Layer = np.empty(shape, np.float32)

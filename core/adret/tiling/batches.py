@@ -16,6 +16,7 @@ from adret.errors import RasterError
 from adret.tiling.executors import Order, Outcome, TileExecutor
 from adret.tiling.jobs import (
     FOLDER,
+    FRAMES,
     Job,
     check_same,
     check_tile,
@@ -132,6 +133,8 @@ def run_batch(
     found = BatchReport()
     for product in job.products:
         found.products.append(_run_product(job, out.absolute(), product, executor, progress))
+    if not found.failed:
+        shutil.rmtree(out / FOLDER / FRAMES, ignore_errors=True)
     return found
 
 

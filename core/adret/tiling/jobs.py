@@ -5,6 +5,7 @@ Layout of the output folder::
     <product>.tif             the result: what the product's own command writes
     manifest.json             files, checksums, times; written anew whenever a product is done
     .adret-tiles/job.json     the job; workers read it
+    .adret-tiles/frames/      the raster turned for the sweeps, if no range is given
     .adret-tiles/<product>/   one GeoTIFF a tile, and beside it a receipt with its checksum
 
 All files appear whole or not at all. A tile is done when its receipt is there.
@@ -23,12 +24,14 @@ from adret._gdal import atomic
 from adret.errors import InputError, RasterError
 from adret.grids import RasterGrid
 from adret.parameters import Parameters
+from adret.tiling.frames import StoredFrames
 from adret.tiling.surfaces import Piece, Surface
 from adret.tiling.tasks import Tile, Written, cut, file_digest, make_tile, tiled_product
 
 __all__ = ["Job", "run_tile"]
 
 FOLDER = ".adret-tiles"
+FRAMES = "frames"
 VERSION = 1
 
 
@@ -149,7 +152,8 @@ def run_tile(out: str, product: str, row: int, column: int) -> Written:
         return done
     path = tile_path(folder, product, tile)
     path.parent.mkdir(parents=True, exist_ok=True)
-    written = make_tile(job, product, tile, path)
+    frames = None if len(job.tiles) == 1 else _frames(out, stamp)
+    written = make_tile(job, product, tile, path, frames)
     write_json(path.with_suffix(".json"), asdict(written))
     return written
 
@@ -157,6 +161,11 @@ def run_tile(out: str, product: str, row: int, column: int) -> Written:
 @lru_cache(maxsize=1)
 def _job(out: str, stamp: int) -> Job:
     return Job.read(Path(out))
+
+
+@lru_cache(maxsize=1)
+def _frames(out: str, stamp: int) -> StoredFrames:
+    return StoredFrames(_job(out, stamp).surface, Path(out) / FOLDER / FRAMES)
 
 
 def tile_path(out: Path, product: str, tile: Tile) -> Path:

@@ -17,7 +17,7 @@ from adret.parameters import (
     SkyViewParameters,
 )
 from adret.tiling.jobs import Job
-from adret.tiling.tasks import BLOCK, TILE_CACHE, halo
+from adret.tiling.tasks import TILE_CACHE, halo
 
 __all__ = ["Plan", "ProductPlan", "check_memory", "plan", "worker_bytes"]
 
@@ -26,6 +26,7 @@ PROCESS = 400 << 20
 # Nanoseconds of one core a cell and azimuth: what the near field does not do, and each of its
 # cells; measured on 2 cores, see benchmarks/scale.
 SWEEP_NS, NEAR_NS = 12.0, 0.25
+PAGE = 4096  # bytes
 # Compressed bytes a stored number, for want of a better guess.
 STORED = 0.6
 
@@ -150,26 +151,38 @@ def check_memory(found: Plan, job: Job, memory: int, out: Path) -> None:
         raise InputError("out", f"on a disk with {found.disk_bytes // 2**20}M free", str(out))
 
 
-def worker_bytes(job: Job, parameters: Parameters, threads: int, size: int | None = None) -> int:
+def worker_bytes(job: Job, parameters: Parameters, threads: int) -> int:
     """Largest memory of the process that makes a job's tiles [bytes]."""
     rows, columns = job.surface.grid.shape
-    side = job.tile_size if size is None else size
-    core = min(side, rows), min(side, columns)
+    core = min(job.tile_size, rows), min(job.tile_size, columns)
     margin = _widest_halo(job, parameters)
-    reach = max(rows, columns) if margin is None else margin
-    seen = min(core[0] + 2 * reach, rows), min(core[1] + 2 * reach, columns)
-    view, cells = seen[0] * seen[1], core[0] * core[1]
     near = getattr(parameters, "near", None) or 32
-    pad = min(max(near, 0 if margin is None else margin), max(seen))
-    frame = (seen[0] + pad + 8) * (seen[1] + pad + 8)
-    # A strip of rows as it is read: numbers, mask, metres in float64.
+    if margin is None and len(job.tiles) > 1:
+        seen = (rows, columns)
+        swept = _mapped_bytes(core, seen)
+    else:
+        reach = max(rows, columns) if margin is None else margin
+        seen = min(core[0] + 2 * reach, rows), min(core[1] + 2 * reach, columns)
+        view = seen[0] * seen[1]
+        pad = min(max(near, 0 if margin is None else margin), max(seen))
+        frame = (seen[0] + pad + 8) * (seen[1] + pad + 8)
+        # Heights, and two frames: heights turned, and the layer that is raised.
+        swept = view * 4 + 2 * (frame * 4 + view * 4)
+    # A strip of rows as it is read: numbers, mask, metres in float64, and above the datum.
     strip = min(512, seen[0]) * seen[1] * (job.surface.item_size + 1 + 8 + 8)
-    # Heights, their mask, and two frames: heights turned, and the layer that is raised.
-    swept = view * 4 + 2 * (frame * 4 + view * 4)
-    own = cells * (1 + 4 + _own_bytes(parameters))
+    own = core[0] * core[1] * (1 + 4 + _own_bytes(parameters))
     # Hulls of the lines of a strip, of each thread.
     hulls = threads * 130 * (max(seen) // 4 + 2) * 48
     return PROCESS + (TILE_CACHE << 20) + strip + swept + own + hulls
+
+
+def _mapped_bytes(core: tuple[int, int], whole: tuple[int, int]) -> int:
+    """What a tile touches of frames on disk: the lines that pass it, from edge to tile."""
+    side, length = max(core), max(whole)
+    lines = min(2 * side + 2 * PAGE // 4, length)
+    edge = length * PAGE  # a page of each row, for the raster's edge, or while a frame is made
+    layers = 3 * core[0] * (core[1] * 4 + 2 * PAGE)  # two that are raised, and the heights
+    return lines * length * 4 + edge + layers
 
 
 def _own_bytes(parameters: Parameters) -> int:
@@ -226,22 +239,13 @@ def _product(job: Job, name: str, parameters: Parameters, threads: int) -> Produ
         halo=_widest_halo(job, parameters),
         bands=bands,
         worker_bytes=worker_bytes(job, parameters, threads),
-        # Tiles, the result before its overviews are in order, and the result.
-        disk_bytes=round(3.4 * rows * columns * bands * item * STORED),
+        # Tiles, the result before its overviews are in order, and the result; frames.
+        disk_bytes=round(3.4 * rows * columns * bands * item * STORED)
+        + (36 * rows * columns if parameters.max_distance is None and len(job.tiles) > 1 else 0),
         core_seconds=rows * columns * azimuths * (SWEEP_NS + NEAR_NS * near) * 1e-9,
     )
-
-
-def default_workers() -> int:
-    """Processes to start when nobody says: one, whose kernels use all cores."""
-    return 1
 
 
 def default_threads(workers: int) -> int:
     """Threads of each of so many workers."""
     return max(1, (os.cpu_count() or 1) // workers)
-
-
-def block_aligned(size: int) -> bool:
-    """Whether tiles end where blocks of the result end, which spares work."""
-    return size % BLOCK == 0

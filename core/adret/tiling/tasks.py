@@ -19,6 +19,7 @@ from adret.parameters import Parameters, RayParameters
 if TYPE_CHECKING:
     from adret.products import Product, Result
     from adret.terrain import Terrain
+    from adret.tiling.frames import StoredFrames
     from adret.tiling.jobs import Job
 
 __all__ = ["TILED", "Tile", "Written", "cut", "make_tile", "tiled_product"]
@@ -69,8 +70,8 @@ class Written:
         Length of the file.
     cells, azimuths : int
         Of the tile, and swept for it.
-    seconds : float
-        Wall time [s].
+    seconds, cpu_seconds : float
+        Wall time, and time of all threads together [s].
     peak_rss : int
         Largest resident memory of the worker so far [bytes].
     about : dict
@@ -82,6 +83,7 @@ class Written:
     cells: int
     azimuths: int
     seconds: float
+    cpu_seconds: float
     peak_rss: int
     about: dict[str, Any]
 
@@ -116,7 +118,9 @@ def cut(shape: tuple[int, int], size: int) -> list[Tile]:
     ]
 
 
-def make_tile(job: "Job", product: str, tile: Tile, path: Path) -> Written:
+def make_tile(
+    job: "Job", product: str, tile: Tile, path: Path, frames: "StoredFrames | None" = None
+) -> Written:
     """Compute one tile of one product and write its numbers as they will be stored.
 
     The result hangs on nothing but the job's file and the rasters that it names: any process on
@@ -130,12 +134,18 @@ def make_tile(job: "Job", product: str, tile: Tile, path: Path) -> Written:
     tile : Tile
     path : Path
         GeoTIFF to write; it appears whole or not at all.
+    frames : StoredFrames, optional
+        Where a tile that sees the whole raster finds it; without them it is read into memory.
     """
     from adret.report import last_run_report
 
-    start = time.perf_counter()
+    start, cpu = time.perf_counter(), time.process_time()
     parameters = job.products[product]
-    terrain = job.surface.tile(tile.rows, tile.columns, halo(job, parameters, tile))
+    margin = halo(job, parameters, tile)
+    if margin is None and frames is not None:
+        terrain = frames.tile(tile.rows, tile.columns)
+    else:
+        terrain = job.surface.tile(tile.rows, tile.columns, margin)
     result = tiled_product(product).compute(terrain, parameters, None)
     digest = _write(path, terrain, result)
     report = last_run_report()
@@ -145,6 +155,7 @@ def make_tile(job: "Job", product: str, tile: Tile, path: Path) -> Written:
         cells=terrain.mask.size,
         azimuths=0 if report is None else report.azimuths_swept,
         seconds=time.perf_counter() - start,
+        cpu_seconds=time.process_time() - cpu,
         peak_rss=peak_rss(),
         about={
             "names": list(result.names),

@@ -1,6 +1,7 @@
 """Tiles of a raster up to 30 000 cells a side: throughput, memory, and what tiling costs.
 
-    python benchmarks/scale/tiles.py size 30000      a row of tiles of a raster of that size
+    python benchmarks/scale/tiles.py size 30000      tiles of a raster of that size, 20 km range
+    python benchmarks/scale/tiles.py size 8192 --all tiles that see the whole raster
     python benchmarks/scale/tiles.py overhead 8192   a whole raster, untiled and in tiles
     python benchmarks/scale/tiles.py report          table and plot of what was measured
 
@@ -29,6 +30,7 @@ import adret
 from adret import products
 from adret.tiling import Job, Surface, plan, prepare
 from adret.tiling.executors import LocalExecutor, Order
+from adret.tiling.jobs import FOLDER, FRAMES
 from adret.tiling.tasks import Tile, Written
 
 HERE = Path(__file__).parent
@@ -72,7 +74,12 @@ def run(job: Job, tiles: list[Tile], product: str, folder: Path) -> list[Written
     warm = {product: replace(job.products[product], directions=8)}
     warm_folder = folder.with_name(f"{folder.name}-warm")
     prepare(Job(job.surface, warm, 512), warm_folder)
+    # Without a range the frames are made along with the first tile.
     orders = [Order(str(warm_folder), product, tiles[0].rows[0] // 512 * 512, 0)]
+    if (frames := warm_folder / FOLDER / FRAMES) and job.products[product].max_distance is None:
+        (folder / FOLDER).mkdir(exist_ok=True)
+        frames.mkdir(parents=True)
+        (folder / FOLDER / FRAMES).symlink_to(frames)
     orders += [Order(str(folder), product, each.rows[0], each.columns[0]) for each in tiles]
     with closing(LocalExecutor(1, os.cpu_count() or 1)) as executor:
         found = {}
@@ -84,21 +91,26 @@ def run(job: Job, tiles: list[Tile], product: str, folder: Path) -> list[Written
     return [found[order] for order in orders[1:]]
 
 
-def one_size(size: int, tile: int, count: int) -> Entry:
-    """Tiles from the middle of a raster, both products."""
+def one_size(size: int, tile: int, count: int, reach: float | None) -> Entry:
+    """Tiles from the middle of a raster: sky view, and with a range horizons too."""
     with tempfile.TemporaryDirectory(dir=os.environ.get("ADRET_SCRATCH")) as name:
         folder = Path(name)
         path = folder / "moon.tif"
         top = min(size // 2 // tile * tile, max(size - tile, 0))
         start = time.perf_counter()
-        moon.write(path, size, [(max(top - MARGIN, 0), min(top + tile + MARGIN, size))])
+        filled = (max(top - MARGIN, 0), min(top + tile + MARGIN, size)) if reach else (0, size)
+        moon.write(path, size, [filled])
         made = time.perf_counter() - start
-        job = Job(Surface.open([path]), parameters(DIRECTIONS, RANGE), tile)
+        given = parameters(DIRECTIONS, reach)
+        if reach is None:
+            del given["horizon"]
+        job = Job(Surface.open([path]), given, tile)
         row = [each for each in job.tiles if each.rows[0] == top]
         chosen = row[:: max(1, len(row) // count)][:count]
         entry: Entry = {
             "size": size,
             "tile": tile,
+            "max_distance": reach,
             "tiles_measured": len(chosen),
             "tiles": len(job.tiles),
             "planned_bytes": plan(job, 1, os.cpu_count() or 1).worker_bytes,
@@ -175,16 +187,16 @@ def report() -> None:
         "# Tiles",
         "",
         f"{known['machine']['cores']} cores, commit {known['machine']['commit']}; lunar raster, "
-        f"{DIRECTIONS} azimuths, range {RANGE / 1000:g} km, curvature on.",
+        f"{DIRECTIONS} azimuths, curvature on.",
         "",
-        "| raster | tile | product | Mcells·azimuths a CPU second | of wall time "
+        "| raster | tile | range | product | Mcells·azimuths a CPU second | of wall time "
         "| a worker, MiB (planned) | whole raster |",
-        "|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for entry in sizes:
         for product, found in entry["products"].items():
             lines.append(
-                f"| {entry['size']}² | {entry['tile']} | {product} "
+                f"| {entry['size']}² | {entry['tile']} | {_range(entry)} | {product} "
                 f"| {found['mcells_azimuths_per_cpu_s']:.1f} "
                 f"| {found['mcells_azimuths_per_s']:.1f} "
                 f"| {found['peak_rss'] / 2**20:.0f} ({entry['planned_bytes'] / 2**20:.0f}) "
@@ -203,7 +215,7 @@ def report() -> None:
     (RESULTS / "tiles.md").write_text("\n".join(lines) + "\n")
     figure, axis = pyplot.subplots(figsize=(6.0, 3.6), layout="constrained")
     for product in ("sky-view", "horizon"):
-        shown = [entry for entry in sizes if product in entry["products"]]
+        shown = [entry for entry in sizes if product in entry["products"] and entry["max_distance"]]
         axis.plot(
             [entry["size"] for entry in shown],
             [entry["products"][product]["mcells_azimuths_per_cpu_s"] for entry in shown],
@@ -217,6 +229,11 @@ def report() -> None:
     figure.savefig(RESULTS / "tiles.png", dpi=120)
 
 
+def _range(entry: Entry) -> str:
+    reach = entry["max_distance"]
+    return "all" if reach is None else f"{reach / 1000:g} km"
+
+
 def main() -> None:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -224,10 +241,12 @@ def main() -> None:
     parser.add_argument("cells", type=int, nargs="?", default=8192)
     parser.add_argument("--tile", type=int, default=2048)
     parser.add_argument("--count", type=int, default=3, help="tiles of the row to measure")
+    parser.add_argument("--all", action="store_true", help="no range: tiles see the whole raster")
     given = parser.parse_args()
     if given.what == "size":
-        key = f"{given.cells}-{given.tile}"
-        keep("size", key, one_size(given.cells, given.tile, given.count))
+        reach = None if given.all else RANGE
+        key = f"{given.cells}-{given.tile}" + ("-all" if given.all else "")
+        keep("size", key, one_size(given.cells, given.tile, given.count, reach))
     elif given.what == "overhead":
         keep("overhead", f"{given.cells}-{given.tile}", overhead(given.cells, given.tile))
     else:

@@ -11,12 +11,16 @@ from adret._kernels.screen.shells import shell_slices
 from adret.screen.field import Field
 from adret.screen.occlusion import Estimate, Progress
 from adret.screen.options import option
+from adret.screen.slice_lines import highest_from, ways_to
 from adret.screen.slice_options import TOLERANCE, SliceOptions, band_edges
 
 __all__ = ["Options", "estimate"]
 
 GROWTH = np.float32(1.0625)
 """Way in the image at the end of an interval of directions, over that at its beginning."""
+
+ONE_PIXEL = 1.0
+"""Every sample of a line but the pixel itself is at least so far away [pixels]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +56,11 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     -------
     Estimate
         With bent normals. Confidence is the share of the (weighted) hemisphere that is hit or comes
-        to the radius before it leaves the image.
+        to the radius before it leaves the image. Skipped are ``small_radius``, pixels whose radius
+        is below a pixel of the image, which look at their own patch of surface only; and
+        ``directions``, directions of pixels that were given up before the image or the radius
+        ended, because nothing ahead is near enough to rise above the horizon. Neither changes
+        the result.
 
     Notes
     -----
@@ -83,12 +91,16 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     occlusion = np.empty(shape, dtype=np.float32)
     confidence = np.empty(shape, dtype=np.float32)
     bent = np.empty((3, *shape), dtype=np.float32)
-    used = np.zeros((shape[0], 2), dtype=np.int64)
+    given_up = np.zeros(shape[0], dtype=np.int64)
     whole = math.isinf(options.thickness)
     kernel = slices if whole else shell_slices
     cells = () if whole else lines.cells
     last = np.float32(options.tolerance if whole else options.thickness)
-    row0, _, column0, column1 = field.frame
+    row0, row1, column0, column1 = field.frame
+    window = (slice(row0, row1), slice(column0, column1))
+    empty = np.isnan(field.depth[window])
+    small = ~empty & (ways_to(field, options.radius)[window] < ONE_PIXEL)
+    tops = highest_from(field)
     edges = band_edges(field)
     for done, (start, stop) in enumerate(pairwise(edges)):
         if progress is not None:
@@ -107,11 +119,14 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
             *options.shares,
             last,
             *options.weights().numbers,
+            empty[start:stop],
+            tops,
             occlusion[start:stop],
             confidence[start:stop],
             bent[:, start:stop],
-            used[start:stop],
+            given_up[start:stop],
         )
     if progress is not None:
         progress(len(edges) - 1, len(edges) - 1)
-    return Estimate(occlusion, confidence, bent, {})
+    skipped = {"small_radius": int(small.sum()), "directions": int(given_up.sum())}
+    return Estimate(occlusion, confidence, bent, skipped)

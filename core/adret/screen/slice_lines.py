@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from adret._kernels.screen.exact import GROUP
 from adret.screen.field import Field
 
-__all__ = ["SliceLines", "widest_way"]
+__all__ = ["SliceLines", "highest_from", "ways_to", "widest_way"]
 
 SNAP = 1e-9
 """Pixels: a crossing this near to a pixel centre is the centre."""
@@ -106,13 +106,11 @@ class SliceLines:
         columns = field.depth.shape[1]
         pad = (span, -(-span // tile))
         width = -(-columns // tile) + 2 * pad[1]
-        z = field.depth.astype(np.float64)
-        nearness = (1.0 / z if field.perspective else -z).astype(np.float32)
         flat = _Flat(tile, width)
         o = np.concatenate([flat.samples(column, each) for column, each, _ in parts])
         weights = np.concatenate([_weights(each, way) for _, each, way in parts], axis=1)
         return cls(
-            near=_laid_out(nearness, pad, tile, width, -np.inf),
+            near=_laid_out(nearness_of(field), pad, tile, width, -np.inf),
             pad=pad,
             samples=(o, *weights.astype(np.float32), s.astype(np.float32), lines, along),
             cells=_joined([_cells(column, each, way, flat) for column, each, way in parts]),
@@ -164,22 +162,51 @@ def _joined(parts: list[tuple[NDArray[np.generic], ...]]) -> tuple[NDArray[np.ge
 
 def widest_way(field: Field, radius: float) -> float:
     """Upper bound of the way in the image [pixels] between points that are within a radius."""
-    ax, bx, ay, by = field.rays
-    rows, columns = field.depth.shape
-    whole = math.hypot(rows, columns)
+    whole = math.hypot(*field.depth.shape)
     if math.isinf(radius) or np.isnan(field.depth).all():
         return whole
+    return min(whole, float(np.nanmax(ways_to(field, radius))))
+
+
+def ways_to(field: Field, radius: float) -> Floats:
+    """Upper bound of the way in the image [pixels] to what is within a radius, for every pixel."""
+    ax, bx, ay, by = field.rays
+    rows, columns = field.depth.shape
     pixel = min(ax, -ay)
+    if math.isinf(radius):
+        return np.full((rows, columns), np.inf)
     if not field.perspective:
-        return min(whole, float(radius / pixel))
-    z = field.depth
-    if np.nanmin(z) <= radius:
-        return whole
+        return np.full((rows, columns), radius / pixel)
     # A point within R of (x, y) z has a depth above z - R and lies less than R (1 + |x, y|) aside.
     x = ax * np.arange(columns) + bx
     y = ay * np.arange(rows) + by
     aside = 1.0 + np.hypot(x[None, :], y[:, None])
-    return min(whole, float(np.nanmax(radius * aside / (z - radius)) / pixel))
+    above = field.depth.astype(np.float64) - radius
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ways: Floats = np.where(above <= 0.0, np.inf, radius * aside / above) / pixel
+    return ways
+
+
+def nearness_of(field: Field) -> NDArray[np.float32]:
+    """1/z or -z."""
+    z = field.depth.astype(np.float64)
+    near: NDArray[np.float32] = (1.0 / z if field.perspective else -z).astype(np.float32)
+    return near
+
+
+def highest_from(field: Field) -> NDArray[np.float32]:
+    """Largest nearness up to and from each row, up to and from each column; -inf for none.
+
+    Shape (4, max(rows, columns)).
+    """
+    near = nearness_of(field)
+    near = np.where(np.isnan(near), np.float32(-np.inf), near)
+    tops = np.full((4, max(near.shape)), -np.inf, dtype=np.float32)
+    for axis in (0, 1):
+        line = near.max(axis=1 - axis)
+        tops[2 * axis, : line.size] = np.maximum.accumulate(line)
+        tops[2 * axis + 1, : line.size] = np.maximum.accumulate(line[::-1])[::-1]
+    return tops
 
 
 def _steps(way: float, near: int, growth: float) -> Floats:

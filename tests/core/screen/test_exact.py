@@ -504,6 +504,69 @@ def test_tiny_and_huge_radii_give_numbers_between_0_and_1(falloff, perspective, 
         assert np.nanmax(np.abs(result.occlusion - endless)) < 1e-5
 
 
+# --- what is skipped -------------------------------------------------------------------------
+
+
+def stairs(perspective, rows=40, columns=150):
+    """Terraces that fall away from the bottom of the image, boxes on them, sky above."""
+    draw = np.random.default_rng(11)
+    depth = 2.0 + 0.5 * np.repeat(np.arange(rows)[::-1] // 8, columns).reshape(rows, columns)
+    for _ in range(12):
+        row, column = draw.integers(0, rows - 6), draw.integers(0, columns - 9)
+        depth[row : row + 6, column : column + 9] -= draw.uniform(0.1, 0.8)
+    depth += 0.003 * draw.standard_normal(depth.shape)
+    depth[:5] = np.inf
+    if perspective:
+        return DepthBuffer(depth, Camera.perspective(columns, rows, fx=120.0))
+    return DepthBuffer(depth, Camera.orthographic(columns, rows, extent=(3.0, 0.8)))
+
+
+@pytest.mark.parametrize("perspective", [True, False])
+@pytest.mark.parametrize("thickness", [math.inf, 0.3])
+def test_directions_with_nothing_high_ahead_are_given_up_and_no_bit_changes(
+    perspective, thickness, monkeypatch
+):
+    options = {"method": "exact", "directions": 9, "thickness": thickness, "tile": 2}
+    for buffer in (stairs(perspective), rough(perspective)):
+        for reach in ({}, {"radius": 0.7, "falloff": "quadratic"}):
+            quick = ambient_occlusion(buffer, **options, **reach)
+            with monkeypatch.context() as patch:
+                patch.setattr(
+                    "adret.screen.exact.highest_from",
+                    lambda field: np.full((4, max(field.depth.shape)), np.inf, dtype=np.float32),
+                )
+                whole = ambient_occlusion(buffer, **options, **reach)
+            for name in ("occlusion", "confidence", "bent_normal"):
+                assert getattr(quick, name).tobytes() == getattr(whole, name).tobytes()
+            assert whole.report.skipped["directions"] == 0
+            if buffer.shape == (40, 150):
+                pairs = 9 * buffer.shape[0] * buffer.shape[1]
+                assert 0.2 * pairs < quick.report.skipped["directions"] <= pairs
+
+
+@pytest.mark.parametrize("perspective", [True, False])
+def test_with_a_radius_below_a_pixel_only_the_pixels_own_patch_is_looked_at(perspective):
+    buffer = stairs(perspective)
+    _, _, ay, _ = buffer.camera.rays
+    surface = np.isfinite(buffer.depth)
+    pixel = np.where(surface, abs(ay) * (buffer.depth if perspective else 1.0), np.inf)
+    radius = 0.9 * float(pixel.min())
+    found = ambient_occlusion(buffer, method="exact", radius=radius)
+    assert found.report.skipped["sky"] == np.count_nonzero(~surface)
+    assert 0.8 * surface.sum() < found.report.skipped["small_radius"] <= surface.sum()
+    # The patch starts at the receiver, so what it hides it hides at distance 0: the same for any
+    # smaller radius, and with a weight of no radius that looks at all samples.
+    least = occlusion(buffer, radius=1e-3 * radius)
+    assert np.abs(found.occlusion - least).max() < 1e-5
+
+    def weight(d):
+        return np.where(d < radius, 1.0, 0.0)
+
+    every = occlusion(buffer, falloff=weight, falloff_scale=radius, tolerance=0.0, **EVERY_SAMPLE)
+    assert np.abs(found.occlusion - every).max() < 0.01
+    assert ambient_occlusion(buffer, method="exact").report.skipped["small_radius"] == 0
+
+
 # --- errors ----------------------------------------------------------------------------------
 
 

@@ -9,6 +9,7 @@ an interval of directions with known distances (`intervals`).
 import numpy as np
 
 from adret._kernels.jit import greater, kernel, parallel_kernel, prange
+from adret._kernels.screen.ahead import all_empty, highest_ahead, may_rise
 from adret._kernels.screen.intervals import any_rose, lanes, settle, slope_of
 from adret._kernels.screen.slices import (
     BASE,
@@ -26,6 +27,7 @@ from adret._kernels.screen.slices import (
 )
 
 GROUP = 4
+LOOK = np.float32(1.25)  # looks at what lies ahead are this factor of way apart
 
 
 @kernel
@@ -68,12 +70,16 @@ def raise_lanes(near, w, low, high, at, o, p, q, lone, v, j):
 
 @kernel
 def go_out(
-    near, shape, w, n, row, first, at, o, p, q, lone, v, s, start, stop, reach, growth,
+    near, shape, w, n, row, first, at, o, p, q, lone, v, s, start, stop, reach, ahead, growth,
     cosine, uniform, tolerance, code, radius, scale, table,
 ):  # fmt: skip
-    """Go through the samples of one direction of the image; returns how many were needed."""
+    """Go through the samples of one direction of the image.
+
+    Tells whether it was given up because nothing ahead can rise above the horizons.
+    """
     settled = start
     before = ZERO
+    look = ZERO
     i = start
     seen = True
     while i < stop:
@@ -94,7 +100,11 @@ def go_out(
             before = s[i - 1]
             if not seen or before > reach:
                 break
-    return i - start
+            if before > look and i < stop:
+                look = LOOK * before
+                if not may_rise(w, highest_ahead(ahead, before), before, s[stop - 1]):
+                    return True
+    return False
 
 
 @kernel
@@ -113,8 +123,8 @@ def border(row, first, step, n, shape, along_column, along_row):
 @kernel
 def slice_row(
     row, near, pad, shape, normal, rays, perspective, frame, o, p, q, lone, v, s, lines, along,
-    growth, cosine, uniform, tolerance, code, radius, scale, table, occlusion, confidence, bent,
-    used,
+    growth, cosine, uniform, tolerance, code, radius, scale, table, empty, tops, occlusion,
+    confidence, bent, given_up,
 ):  # fmt: skip
     """One row of `slices`."""
     tile, width = near.shape[1], near.shape[2]
@@ -122,44 +132,43 @@ def slice_row(
     ax, ay = np.float32(rays[0]), np.float32(rays[2])
     i = row - frame[0]
     w = np.empty(SIZE, dtype=np.float32)
-    gone = 0
-    turns = 0
+    given_up[i] = 0
     for phase in range(tile):
         begin = (frame[2] - phase + tile - 1) // tile
         end = (frame[3] - phase + tile - 1) // tile
         for first in range(begin, end, LANES):
             n = min(LANES, end - first)
             column = phase + tile * first
+            j = column - frame[2]
+            resting = all_empty(empty[i, j::tile], n)
             at = ((row + pad[0]) * tile + phase) * width + first + pad[1]
             y = place(flat, at, normal, row, column, tile, n, rays, perspective, radius, w)
-            for k in range(lines.shape[2]):
+            for k in range(0 if resting else lines.shape[2]):
                 dc = np.float32(along[row % tile, phase, k, 0])
                 dr = np.float32(along[row % tile, phase, k, 1])
                 ex = ax * dc
                 ey = ay * dr
                 aim(w, y, ex, ey, dc, dr, perspective, cosine, uniform)
                 reach = farthest(w, perspective)
-                gone += go_out(
+                ahead = (tops, shape, row, column, tile * (n - 1), dc, dr)
+                if go_out(
                     flat, near.shape, w, n, row + pad[0], first + pad[1], at, o, p, q, lone, v, s,
-                    lines[row % tile, phase, k, 0], lines[row % tile, phase, k, 1], reach, growth,
-                    cosine, uniform, tolerance, code, radius, scale, table,
-                )  # fmt: skip
-                turns += 1
+                    lines[row % tile, phase, k, 0], lines[row % tile, phase, k, 1], reach, ahead,
+                    growth, cosine, uniform, tolerance, code, radius, scale, table,
+                ):  # fmt: skip
+                    given_up[i] += n
                 if reach > border(row, column, tile, n, shape, dc, dr):
                     leave(w, column, tile, row, shape, dc, dr, radius, cosine, uniform)
                 add_direction(w, y, ex, ey)
             finish(w, cosine, uniform)
-            j = column - frame[2]
             write(w, n, occlusion[i, j::tile], confidence[i, j::tile], bent[:, i, j::tile])
-    used[i, 0] = gone
-    used[i, 1] = turns
 
 
 @parallel_kernel
 def slices(
     near, pad, shape, normal, rays, perspective, frame, o, p, q, lone, v, s, lines, along,
-    growth, cosine, uniform, tolerance, code, radius, scale, table, occlusion, confidence, bent,
-    used,
+    growth, cosine, uniform, tolerance, code, radius, scale, table, empty, tops, occlusion,
+    confidence, bent, given_up,
 ):  # fmt: skip
     """Occlusion of a frame by horizons with falloff.
 
@@ -195,16 +204,20 @@ def slices(
         Largest difference of weights times width [radians] of an interval taken as one.
     code, radius, scale, table
         Falloff.
+    empty : (row1 - row0, column1 - column0) bool
+        Pixels without a receiver: a block of them is left out.
+    tops : (4, max(rows, columns)) float32
+        Largest nearness up to and from each row, up to and from each column.
     occlusion, confidence : (row1 - row0, column1 - column0) float32
         Outputs.
     bent : (3, row1 - row0, column1 - column0) float32
         Output: mean open direction, unit.
-    used : (row1 - row0, 2) int64
-        Output: samples times blocks gone through, and directions times blocks.
+    given_up : (row1 - row0,) int64
+        Output: directions of receivers that were given up because nothing ahead can occlude.
     """
     for row in prange(frame[0], frame[1]):
         slice_row(
             row, near, pad, shape, normal, rays, perspective, frame, o, p, q, lone, v, s, lines,
-            along, growth, cosine, uniform, tolerance, code, radius, scale, table, occlusion,
-            confidence, bent, used,
+            along, growth, cosine, uniform, tolerance, code, radius, scale, table, empty, tops,
+            occlusion, confidence, bent, given_up,
         )  # fmt: skip

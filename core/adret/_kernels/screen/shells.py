@@ -12,7 +12,8 @@ then each quarter has the depth of its corner, and the receiver's own quarters a
 import numpy as np
 
 from adret._kernels.jit import greater, inline, kernel, parallel_kernel, prange
-from adret._kernels.screen.exact import border
+from adret._kernels.screen.ahead import all_empty, highest_ahead, may_rise
+from adret._kernels.screen.exact import LOOK, border
 from adret._kernels.screen.gaps import hide
 from adret._kernels.screen.intervals import advance, any_rose, close
 from adret._kernels.screen.slices import (
@@ -226,9 +227,13 @@ def in_image(shape, tile, width, row, column, n, o, j):
 @kernel
 def go_out(
     near, shape, tile, width, w, n, row, column, at, o, p, q, s, corners, pieces, cuts, line, stop,
-    reach, growth, thickness, perspective, gaps, cosine, uniform, code, radius, scale, table,
+    reach, ahead, growth, thickness, perspective, gaps, cosine, uniform, code, radius, scale, table,
 ):  # fmt: skip
-    """Go through the samples of one direction of the image; returns how many were needed."""
+    """Go through the samples of one direction of the image.
+
+    Tells whether it was given up because nothing ahead can rise above the horizons.
+    """
+    look = ZERO
     for x in range(n):
         gaps[x, 0] = ZERO
     before = ZERO
@@ -259,8 +264,12 @@ def go_out(
             before = s[j]
             if not seen or before > reach:
                 break
+            if before > look and j < stop - 1:
+                look = LOOK * before
+                if not may_rise(w, highest_ahead(ahead, before), before, s[stop - 1]):
+                    return True
         j += 1
-    return j - line
+    return False
 
 
 @kernel
@@ -278,8 +287,8 @@ def leave_behind(w, n, gaps, cosine, uniform):
 @kernel
 def shell_row(
     row, longest, near, pad, shape, normal, rays, perspective, frame, o, p, q, s, lines, along,
-    corners, pieces, cuts, growth, cosine, uniform, thickness, code, radius, scale, table,
-    occlusion, confidence, bent, used,
+    corners, pieces, cuts, growth, cosine, uniform, thickness, code, radius, scale, table, empty,
+    tops, occlusion, confidence, bent, given_up,
 ):  # fmt: skip
     """One row of `shell_slices`."""
     tile, width = near.shape[1], near.shape[2]
@@ -288,46 +297,45 @@ def shell_row(
     i = row - frame[0]
     w = np.empty(SIZE, dtype=np.float32)
     gaps = np.empty((LANES, 6 * longest + 3), dtype=np.float32)
-    gone = 0
-    turns = 0
+    given_up[i] = 0
     for phase in range(tile):
         begin = (frame[2] - phase + tile - 1) // tile
         end = (frame[3] - phase + tile - 1) // tile
         for first in range(begin, end, LANES):
             n = min(LANES, end - first)
             column = phase + tile * first
+            j = column - frame[2]
+            resting = all_empty(empty[i, j::tile], n)
             at = ((row + pad[0]) * tile + phase) * width + first + pad[1]
             y = place(flat, at, normal, row, column, tile, n, rays, perspective, radius, w)
-            for k in range(lines.shape[2]):
+            for k in range(0 if resting else lines.shape[2]):
                 dc = np.float32(along[row % tile, phase, k, 0])
                 dr = np.float32(along[row % tile, phase, k, 1])
                 ex = ax * dc
                 ey = ay * dr
                 aim(w, y, ex, ey, dc, dr, perspective, cosine, uniform)
                 reach = farthest(w, perspective)
-                gone += go_out(
+                ahead = (tops, shape, row, column, tile * (n - 1), dc, dr)
+                if go_out(
                     flat, shape, tile, width, w, n, row, column, at, o, p, q, s, corners, pieces,
                     cuts, lines[row % tile, phase, k, 0], lines[row % tile, phase, k, 1], reach,
-                    growth, thickness, perspective, gaps, cosine, uniform, code, radius, scale,
-                    table,
-                )  # fmt: skip
-                turns += 1
+                    ahead, growth, thickness, perspective, gaps, cosine, uniform, code, radius,
+                    scale, table,
+                ):  # fmt: skip
+                    given_up[i] += n
                 if reach > border(row, column, tile, n, shape, dc, dr):
                     leave(w, column, tile, row, shape, dc, dr, radius, cosine, uniform)
                     leave_behind(w, n, gaps, cosine, uniform)
                 add_direction(w, y, ex, ey)
             finish(w, cosine, uniform)
-            j = column - frame[2]
             write(w, n, occlusion[i, j::tile], confidence[i, j::tile], bent[:, i, j::tile])
-    used[i, 0] = gone
-    used[i, 1] = turns
 
 
 @parallel_kernel
 def shell_slices(
     near, pad, shape, normal, rays, perspective, frame, o, p, q, lone, v, s, lines, along,
-    corners, pieces, cuts, growth, cosine, uniform, thickness, code, radius, scale, table,
-    occlusion, confidence, bent, used,
+    corners, pieces, cuts, growth, cosine, uniform, thickness, code, radius, scale, table, empty,
+    tops, occlusion, confidence, bent, given_up,
 ):  # fmt: skip
     """Occlusion of a frame by shells; the rest as for `exact.slices`.
 
@@ -351,5 +359,5 @@ def shell_slices(
         shell_row(
             row, longest, near, pad, shape, normal, rays, perspective, frame, o, p, q, s, lines,
             along, corners, pieces, cuts, growth, cosine, uniform, thickness, code, radius, scale,
-            table, occlusion, confidence, bent, used,
+            table, empty, tops, occlusion, confidence, bent, given_up,
         )  # fmt: skip

@@ -20,9 +20,11 @@ from adret_service.engine.liveness import Lease, sweep_scratch
 from adret_service.engine.port import JobEngine
 from adret_service.ingest import Ingest
 from adret_service.middleware import BodyLimit, RequestId, SameOrigin
+from adret_service.observing import Observe, Requests
 from adret_service.rates import Buckets, Rate
 from adret_service.routes import (
     datasets,
+    estimates,
     events,
     execution,
     health,
@@ -84,6 +86,7 @@ def create_app(settings: Settings, engine: JobEngine | None = None) -> FastAPI:
         landing,
         processes,
         execution,
+        estimates,
         jobs,
         results,
         events,
@@ -98,6 +101,8 @@ def create_app(settings: Settings, engine: JobEngine | None = None) -> FastAPI:
     app.add_middleware(SameOrigin)
     if settings.auth == "none" and not settings.allow_insecure_bind:
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=allowed_hosts(settings))
+    app.state.requests = Requests()
+    app.add_middleware(Observe, requests=app.state.requests)
     app.add_middleware(RequestId)
     return app
 
@@ -127,7 +132,7 @@ def open_service(
     if engine is None:
         engine = DurableEngine(settings, database)
         stack.callback(engine.close)
-        stack.enter_context(Upkeep(settings, database, storage))
+        stack.enter_context(Upkeep(settings, engine, catalogue))
     ingest = Ingest(settings, catalogue, lease.scratch)
     ingest.decoder.start()
     stack.callback(ingest.decoder.close)

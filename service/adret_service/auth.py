@@ -18,9 +18,10 @@ from typing import Any
 
 from adret_service.ids import new_id
 
-__all__ = ["LOCAL", "SCOPES", "Credential", "KeyFile", "add_key", "remove_key"]
+__all__ = ["LOCAL", "METRICS", "SCOPES", "Credential", "KeyFile", "add_key", "remove_key"]
 
 SCOPES = ("read", "submit")
+METRICS = "metrics"  # may read /metrics, which tells of all tenants, and nothing else
 TENANT = re.compile(r"[a-z0-9][a-z0-9_-]{0,39}")
 PREFIX = "adret_"
 
@@ -34,7 +35,7 @@ class Credential:
     scopes: frozenset[str]
 
 
-LOCAL = Credential(id="local", tenant="local", scopes=frozenset(SCOPES))
+LOCAL = Credential(id="local", tenant="local", scopes=frozenset((*SCOPES, METRICS)))
 
 
 class KeyFile:
@@ -109,9 +110,10 @@ def add_key(path: Path, tenant: str, scopes: Iterable[str]) -> tuple[str, str]:
     if not TENANT.fullmatch(tenant):
         raise ValueError(f"tenant: must be 1 to 40 of a-z, 0-9, _ and -, got {tenant!r}")
     chosen = sorted(set(scopes))
-    wrong = [scope for scope in chosen if scope not in SCOPES]
+    wrong = [scope for scope in chosen if scope not in (*SCOPES, METRICS)]
     if wrong or not chosen:
-        raise ValueError(f"scope: must be of {', '.join(SCOPES)}, got {wrong or 'none'}")
+        named = ", ".join((*SCOPES, METRICS))
+        raise ValueError(f"scope: must be of {named}, got {wrong or 'none'}")
     key_id, secret = new_id(), PREFIX + secrets.token_urlsafe(32)
     entry = {
         "id": key_id,

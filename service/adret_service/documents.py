@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 __all__ = [
     "DatasetDocument",
     "DatasetList",
+    "Estimate",
     "Link",
     "PointValues",
     "Problem",
@@ -16,6 +17,7 @@ __all__ = [
     "ResultReference",
     "Results",
     "Skyline",
+    "StacItem",
     "StatusInfo",
     "StatusList",
     "TileGrid",
@@ -101,6 +103,42 @@ class Results(Document):
 
     result: ResultReference | dict[str, Any] | None = None
     preview: ResultReference | dict[str, Any] | None = None
+
+
+class StacItem(Document):
+    """A STAC item."""
+
+    type: Literal["Feature"]
+    stac_version: str
+    id: str
+    geometry: dict[str, Any] | None
+    properties: dict[str, Any]
+    links: list[Link]
+    assets: dict[str, Any]
+    bbox: list[float] | None = None
+
+
+class Seconds(Document):
+    """A time that is foreseen, and how far it may be off."""
+
+    expected: float
+    low: float
+    high: float
+    basis: str
+
+
+class Estimate(Document):
+    """What an order would cost."""
+
+    process: str
+    cells: int
+    passes: int = Field(description="Azimuths, observers or samples, each over all cells.")
+    seconds: Seconds
+    accepted: bool = Field(description="Whether the order would be taken now.")
+    reason: str | None = None
+    bands: int | None = None
+    result_bytes: int | None = Field(default=None, description="About.")
+    memory_bytes: int | None = Field(default=None, description="About.")
 
 
 class LogLine(Document):

@@ -16,9 +16,11 @@ from adret_service.database import persist
 from adret_service.datasets import GEOTIFF, DatasetCatalogue
 from adret_service.echo import ECHO, EchoFailed, run_echo
 from adret_service.engine.port import JobLedger, JobRecord, JobStatus
+from adret_service.logs import about
 from adret_service.settings import Settings
 from adret_service.status import prefix_of
 from adret_service.storage import Artefact, Storage
+from adret_service.tracing import job_span
 
 __all__ = ["JobRunner"]
 
@@ -91,6 +93,14 @@ class JobRunner:
         job = persist(lambda: self.ledger.begin(job_id))
         if job is None:
             return
+        parent = str(job.request.get("traceparent", ""))
+        request = str(job.request.get("request_id", ""))
+        with about(request_id=request, job_id=job_id), job_span(job_id, job.process, parent):
+            log.info("job %s: %s begins", job_id, job.process)
+            self._run(job)
+
+    def _run(self, job: JobRecord) -> None:
+        job_id = job.id
         prefix = prefix_of(job)
         error, unwanted = None, False
         if self.storage.manifest(prefix) is None:  # else: a crash between it and the record

@@ -4,6 +4,7 @@ import contextlib
 
 from adret_service.settings import Settings
 from adret_service.supervisor import Supervisor
+from adret_service.tracing import set_up_tracing
 from adret_service.worker import set_up_logging
 
 __all__ = ["serve"]
@@ -12,6 +13,7 @@ __all__ = ["serve"]
 def serve(settings: Settings) -> None:
     """Serve until a signal comes."""
     set_up_logging(settings)
+    set_up_tracing(settings, "api")
     with contextlib.ExitStack() as stack:
         if settings.role == "all":
             stack.enter_context(Supervisor(settings))
@@ -27,6 +29,7 @@ def serve(settings: Settings) -> None:
             port=settings.port,
             log_level=settings.log_level,
             log_config=None,
+            access_log=False,  # `Observe` writes one that knows the request's id
             server_header=False,
             proxy_headers=False,
             limit_concurrency=1000,

@@ -79,6 +79,12 @@ class Settings(BaseSettings):
     webhook_attempts: int = Field(default=6, ge=1, le=20)
     webhook_pause: float = Field(default=1.0, gt=0)
 
+    retention_days: float = Field(default=7.0, ge=0)
+    keep_failed_days: float = Field(default=2.0, ge=0)
+    dataset_days: float = Field(default=0.0, ge=0)
+    sweep_interval: float = Field(default=300.0, gt=0)
+    scratch_max_bytes: int = Field(default=100 * GIB, ge=1)
+
     max_body_bytes: int = Field(default=1 * MIB, ge=1)
     max_upload_bytes: int = Field(default=2 * GIB, ge=1)
     max_pixels: int = Field(default=1_000_000_000, ge=1)
@@ -99,6 +105,8 @@ class Settings(BaseSettings):
     view_cache_bytes: int = Field(default=10 * GIB, ge=0)
 
     log_level: Literal["debug", "info", "warning", "error"] = "info"
+    log_json: bool = False
+    otel_endpoint: str = ""
 
     @model_validator(mode="after")
     def _threads_fit(self) -> Self:

@@ -95,6 +95,16 @@ class Storage(ABC):
     def _get(self, key: str) -> bytes | None:
         """Return the bytes of a small file, None if there is none."""
 
+    def probe(self) -> None:
+        """Write something, read it, and remove it; OSError if that does not work."""
+        prefix = f"probe/ready/{new_id()}"
+        try:
+            self._put(f"{prefix}/probe.json", b"1")
+            if self._get(f"{prefix}/probe.json") != b"1":
+                raise OSError("the store does not give back what was written")
+        finally:
+            self.delete(prefix)
+
     def write_manifest(
         self, prefix: str, artefacts: Mapping[str, Artefact], notes: Mapping[str, Any]
     ) -> None:

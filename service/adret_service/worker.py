@@ -16,7 +16,9 @@ from typing import IO, NoReturn
 
 from adret_service.children import ComputeChild, Unfit
 from adret_service.engine.liveness import Lease
+from adret_service.logs import set_up_logging
 from adret_service.settings import Settings
+from adret_service.tracing import set_up_tracing
 
 __all__ = ["UNFIT", "run_worker", "set_up_logging"]
 
@@ -40,6 +42,7 @@ def run_worker(settings: Settings, watched: IO[str] | None = None) -> NoReturn:
         signal.signal(number, lambda *_: stop.set())
     if watched is not None:
         threading.Thread(target=_at_end, args=(watched, stop), daemon=True).start()
+    set_up_tracing(settings, "worker")
     lease = Lease(settings.locks_dir, settings.scratch_dir, "worker")
     children = [ComputeChild(settings.threads) for _ in range(settings.job_slots)]
     with ThreadPoolExecutor() as starts:  # kernels load while the database opens
@@ -89,14 +92,6 @@ def main() -> NoReturn:
     settings = Settings.model_validate_json(sys.stdin.readline())
     set_up_logging(settings)
     run_worker(settings, sys.stdin)
-
-
-def set_up_logging(settings: Settings) -> None:
-    """Log to standard error, one line an event."""
-    logging.basicConfig(
-        level=settings.log_level.upper(),
-        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
-    )
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from adret_service.context import BaseUrl, Service, ServiceDep, Tenant
 from adret_service.datasets import Dataset
 from adret_service.documents import StatusInfo
 from adret_service.engine.port import JobRecord, KeyReused, OverQuota, Quota, RequestKey
+from adret_service.estimate import cost
 from adret_service.examples import EXECUTIONS
 from adret_service.ids import new_id
 from adret_service.offers import offered
@@ -31,6 +32,7 @@ from adret_service.routes.datasets import require_room
 from adret_service.routes.jobs import artefacts_of
 from adret_service.settings import Settings
 from adret_service.status import status_info
+from adret_service.tracing import traceparent
 
 router = APIRouter(tags=["processes"])
 
@@ -135,8 +137,11 @@ def placed(
     kept = wanted | {
         "base": base,
         "request_id": request.scope.get("request_id", ""),
-        "cells": cells,
+        "traceparent": traceparent(),
     }
+    if found is not None:
+        line = cost(process.id, inputs, found.info).core_seconds / service.settings.threads
+        kept["line"] = round(line, 6)  # seconds by the built-in line: later estimates learn from it
     job = JobRecord(
         id=new_id(),
         tenant=tenant,

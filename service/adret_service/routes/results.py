@@ -8,10 +8,12 @@ from starlette.responses import JSONResponse
 
 from adret_service.artefacts import serve_artefact
 from adret_service.context import BaseUrl, ServiceDep, Tenant
-from adret_service.documents import Results
+from adret_service.documents import Results, StacItem
 from adret_service.problems import FieldError, Problem, invalid
 from adret_service.results import file_name, results_response
+from adret_service.routes.execution import known_process
 from adret_service.routes.jobs import artefacts_of, found_job
+from adret_service.stac import item
 
 router = APIRouter(tags=["jobs"])
 
@@ -65,6 +67,24 @@ def get_results(
         job = dataclasses.replace(job, request={**job.request, "outputs": modes})
     limit = service.settings.inline_max_bytes
     return results_response(job, artefacts, service.storage, base, limit, request)
+
+
+@router.get(
+    "/jobs/{job_id}/stac",
+    operation_id="getItem",
+    response_class=JSONResponse,
+    response_model=StacItem,
+    response_model_exclude_unset=True,
+)
+@router.get("/jobs/{job_id}/results/stac", include_in_schema=False)
+def get_item(job_id: str, service: ServiceDep, tenant: Tenant, base: BaseUrl) -> Response:
+    """Return a result as a STAC item: where it lies, what made it, where its files are."""
+    job = found_job(service, job_id, tenant)
+    artefacts = artefacts_of(service, job)
+    process = known_process(service, job.process)
+    dataset = service.catalogue.get(job.dataset, tenant) if job.dataset else None
+    body = item(job, process, dataset, artefacts, base)
+    return JSONResponse(body, media_type="application/geo+json")
 
 
 @router.get(

@@ -1,0 +1,169 @@
+"""What an order would cost: cells, passes, bytes and seconds, and how wrong that may be.
+
+The time is that of one core, by a line for each process: so many nanoseconds a cell and pass, and
+so many more for each cell that a pass looks ahead; see ``benchmarks/service/estimates.py``. Where
+the service has run a few jobs of the process, their times correct the line, and their scatter is
+the error that is told.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
+from typing import Any
+
+from adret_service.engine.port import JobRecord
+
+__all__ = ["Cost", "cost", "seconds"]
+
+# (process, method): nanoseconds a cell and pass, and a cell, pass and cell of reach; one core.
+SPEEDS: dict[tuple[str, str], tuple[float, float]] = {
+    ("horizon", "sweep"): (20.0, 0.0),
+    ("horizon", "hull"): (14.0, 0.0),
+    ("horizon", "march"): (5.0, 0.5),
+    ("horizon", "exact"): (10.0, 4.0),
+    ("bounce", ""): (60.0, 0.0),
+    ("viewshed", ""): (20.0, 0.5),
+    ("visibility", "rays"): (20.0, 2.0),
+    ("visibility", "tree"): (150.0, 0.0),
+    ("visibility", "march"): (10.0, 1.0),
+    ("ssao", ""): (2.0, 0.0),
+}
+LIKE_HORIZON = ("sky-view", "openness", "shadow", "light")
+STORED = 40.0  # nanoseconds to store a number, with the picture
+START = 0.15  # seconds to begin and to end a job
+FACTOR = 3.0  # measured seconds lie within this factor of the line on the machine of the benchmark
+ENOUGH = 5  # jobs from which on their times count more than the line
+COMPRESSED = 0.6  # stored bytes a byte of a number, about
+SSAO_SAMPLES = 64  # of a pixel, where the order does not say
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cost:
+    """What an order asks of one core.
+
+    Attributes
+    ----------
+    cells : int
+        Of the dataset.
+    passes : int
+        Azimuths, observers or samples, each over all cells.
+    reach : float
+        Cells that a pass looks ahead, at most.
+    bands : int
+        Layers of the result.
+    result_bytes : int
+        Of the result as it is stored, about.
+    memory_bytes : int
+        Of the process that computes, about.
+    core_seconds : float
+        By the line, on one core.
+    """
+
+    cells: int
+    passes: int
+    reach: float
+    bands: int
+    result_bytes: int
+    memory_bytes: int
+    core_seconds: float
+
+
+def cost(process: str, inputs: Mapping[str, Any], info: Mapping[str, Any]) -> Cost:
+    """Return what an order costs.
+
+    Parameters
+    ----------
+    process : str
+    inputs : mapping
+        Checked, with all defaults.
+    info : mapping
+        Of the dataset: rows, columns, cell_size.
+
+    Examples
+    --------
+    >>> info = {"rows": 100, "columns": 100, "cell_size": [10.0, 10.0]}
+    >>> cost("horizon", {"directions": 16, "method": "sweep"}, info).passes
+    16
+    """
+    rows, columns = int(info["rows"]), int(info["columns"])
+    cells = rows * columns
+    passes = _passes(process, inputs)
+    reach = 0.4 * max(rows, columns)
+    if inputs.get("max_distance") and info.get("cell_size"):
+        reach = min(reach, float(inputs["max_distance"]) / min(info["cell_size"]))
+    bands = passes if process == "horizon" else 1
+    item = 2 if process == "horizon" and inputs.get("dtype") == "uint16" else 4
+    name = "horizon" if process in LIKE_HORIZON else process
+    method = str(inputs.get("method") or "") if name in ("horizon", "visibility") else ""
+    near, far = SPEEDS.get((name, method), (100.0, 1.0))
+    work = cells * (passes * (near + far * reach) + bands * STORED)
+    return Cost(
+        cells=cells,
+        passes=passes,
+        reach=reach,
+        bands=bands,
+        result_bytes=round(cells * bands * item * COMPRESSED * 4 / 3),
+        memory_bytes=round((400 << 20) + cells * (24 + 4 * min(bands, 64))),
+        core_seconds=START + 1e-9 * work,
+    )
+
+
+def _passes(process: str, inputs: Mapping[str, Any]) -> int:
+    if process == "viewshed":
+        observers = (inputs.get("observer") or []) or (inputs.get("at") or [])
+        return max(len(observers), 1)
+    if process == "ssao":
+        lines = (inputs.get("directions") or 1) * (inputs.get("steps") or 1)
+        given = inputs.get("samples") or inputs.get("rays") or (lines if lines > 1 else None)
+        return int(given or SSAO_SAMPLES)
+    azimuths = inputs.get("azimuths_deg")
+    passes = len(azimuths) if azimuths else int(inputs.get("directions") or 1)
+    if process == "shadow":
+        return 1
+    if process == "bounce":
+        bounces = inputs.get("bounces", 1)
+        return passes * (1 + (bounces if isinstance(bounces, int) else 8))
+    if process == "light" and inputs.get("sky", "none") == "none":
+        return 1
+    return passes + (inputs.get("sun_deg") is not None)
+
+
+def seconds(core_seconds: float, threads: int, earlier: Sequence[JobRecord]) -> dict[str, Any]:
+    """Return the expected time of a job, its range, and what that rests on.
+
+    Parameters
+    ----------
+    core_seconds : float
+        By the line.
+    threads : int
+        Kernel threads of a job.
+    earlier : sequence of JobRecord
+        Successful jobs of the same process on this service.
+
+    Examples
+    --------
+    >>> seconds(3.0, 2, ())
+    {'expected': 1.5, 'low': 0.5, 'high': 4.5, 'basis': 'built-in line', 'jobs': 0}
+    """
+    line = core_seconds / threads
+    ratios = sorted(
+        (job.finished - job.started) / float(job.request["line"])
+        for job in earlier
+        if job.started is not None
+        and job.finished is not None
+        and job.revivals == 0
+        and float(job.request.get("line", 0.0)) > 0.0
+    )
+    if len(ratios) < ENOUGH:
+        low, middle, high, basis = 1 / FACTOR, 1.0, FACTOR, "built-in line"
+    else:
+        tenth = len(ratios) // 10
+        low, middle, high = ratios[tenth], median(ratios), ratios[-1 - tenth]
+        basis = "jobs of this service: median, and all but a fifth of them"
+    return {
+        "expected": round(line * middle, 3),
+        "low": round(line * low, 3),
+        "high": round(line * high, 3),
+        "basis": basis,
+        "jobs": len(ratios),
+    }

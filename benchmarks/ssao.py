@@ -14,6 +14,7 @@ import json
 import os
 import time
 import warnings
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -142,9 +143,8 @@ def show(entry: Entry) -> None:
     )
 
 
-def ledger(cases: list[Case], rays: int, quick: bool) -> list[Entry]:
-    """All methods on all cases."""
-    found = []
+def ledger(cases: list[Case], rays: int, quick: bool) -> Iterator[Entry]:
+    """All methods on all cases, case by case."""
     for case in cases:
         references = References(case, rays)
         print(f"{case.name}: {len(case.sample[0])} pixels, radius {case.radius:g}", flush=True)
@@ -175,8 +175,7 @@ def ledger(cases: list[Case], rays: int, quick: bool) -> list[Entry]:
         }
         if not case.buffer.sky.any() and not case.buffer.holes.any():
             entry["embree"] = embree_rows(case, references, quick)
-        found.append(entry)
-    return found
+        yield entry
 
 
 def embree_rows(case: Case, references: References, quick: bool) -> list[Entry]:
@@ -252,21 +251,28 @@ def main() -> None:
             made_case("perspective", 480, 270, 48, 2000),
             made_case("orthographic", 480, 270, 48, 2000),
         ]
-        results["ledger"] = ledger(cases, QUICK_RAYS, quick=True)
+        results["ledger"] = list(ledger(cases, QUICK_RAYS, quick=True))
         results["scaling"] = scaling(quick=True)
     if asked.full or asked.ledger:
         cases = [c for name in REAL if (c := real_case(name, PIXELS)) is not None]
         cases += [made_case(p, 1280, 720, 128, PIXELS) for p in ("perspective", "orthographic")]
         wanted = [c for c in cases if not asked.cases or c.name in asked.cases]
-        new = {each["name"]: each for each in ledger(wanted, RAYS, quick=False)}
-        old = {each["name"]: each for each in results.get("ledger", [])}
-        results["ledger"] = [{**old, **new}[c.name] for c in cases if c.name in {**old, **new}]
+        known = {each["name"]: each for each in results.get("ledger", [])}
+        for each in ledger(wanted, RAYS, quick=False):
+            known[each["name"]] = {**each, "commit": present.about()["commit"]}
+            results["ledger"] = [known[case.name] for case in cases if case.name in known]
+            save(results, path)  # what is done is kept when a run is cut short
     if asked.full or asked.timing:
         results["scaling"] = scaling(quick=False)
-    RESULTS.mkdir(exist_ok=True)
-    path.write_text(json.dumps(results, indent=1, default=_plain) + "\n")
+    save(results, path)
     path.with_suffix(".md").write_text(ssao_present.table(results, path.stem))
     ssao_present.plots(results, path.with_suffix(""))
+
+
+def save(results: Entry, path: Path) -> None:
+    """Write the numbers."""
+    RESULTS.mkdir(exist_ok=True)
+    path.write_text(json.dumps(results, indent=1, default=_plain) + "\n")
 
 
 def _plain(value: Any) -> Any:

@@ -2,7 +2,7 @@
 
     python benchmarks/service/cancels.py --repeat 50
 
-A raster so large that one kernel runs for many seconds; its job is dismissed at a random moment, and
+A raster so large that one kernel runs for seconds; its job is dismissed at a random moment, and
 the CPU time of the computing processes is looked at until it stands still.
 """
 

@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--clients", type=int, default=16)
     parser.add_argument("--keep", action="store_true", help="Write the results' file.")
     options = parser.parse_args()
-    with serving(options.database, ADRET_THREADS_PER_JOB="1", ADRET_QUEUE_POLL="1") as server:
+    with serving(options.database, ADRET_THREADS_PER_JOB="1") as server:
         dataset = server.upload(DEM).json()["id"]
         run = order(server.port, dataset, options.clients, options.seconds)
         figures = asyncio.run(run)

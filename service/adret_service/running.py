@@ -17,6 +17,7 @@ from adret_service.datasets import GEOTIFF, DatasetCatalogue
 from adret_service.echo import ECHO, EchoFailed, run_echo
 from adret_service.engine.port import JobLedger, JobRecord, JobStatus
 from adret_service.logs import about
+from adret_service.scratch import scratch_bytes
 from adret_service.settings import Settings
 from adret_service.status import prefix_of
 from adret_service.storage import Artefact, Storage
@@ -142,6 +143,9 @@ class JobRunner:
         deadline = time.monotonic() + self.settings.job_timeout
         crashes = 0
         while not self.stopping.is_set():
+            if scratch_bytes(self.settings.scratch_dir) > self.settings.scratch_max_bytes:
+                self._wait_for_room(job.id)
+                continue
             folder = self.scratch / job.id
             folder.mkdir(exist_ok=True)
             order = {

@@ -13,6 +13,7 @@ from adret_service.ingest import ReadOptions
 from adret_service.paging import Before, Limit, page_links
 from adret_service.problems import Problem
 from adret_service.receiving import receive
+from adret_service.scratch import scratch_bytes
 from adret_service.storage import UPLOAD
 
 router = APIRouter(tags=["datasets"])
@@ -122,6 +123,10 @@ def require_room(service: Service) -> None:
     if free < service.settings.min_free_bytes:
         detail = f"free space: must be {service.settings.min_free_bytes}, got {free}"
         raise Problem(507, detail)
+    used, most = scratch_bytes(service.settings.scratch_dir), service.settings.scratch_max_bytes
+    if used > most:
+        detail = f"work in progress: must be at most {most} bytes, got {used}"
+        raise Problem(507, detail, headers={"Retry-After": "30"})
 
 
 def described(dataset: Dataset, base: str) -> dict[str, Any]:

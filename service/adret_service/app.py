@@ -22,6 +22,7 @@ from adret_service.ingest import Ingest
 from adret_service.middleware import BodyLimit, RequestId, SameOrigin
 from adret_service.observing import Observe, Requests
 from adret_service.rates import Buckets, Rate
+from adret_service.resuming import Partials
 from adret_service.routes import (
     datasets,
     estimates,
@@ -33,6 +34,7 @@ from adret_service.routes import (
     processes,
     results,
     skylines,
+    tus,
     views,
 )
 from adret_service.settings import Settings
@@ -91,6 +93,7 @@ def create_app(settings: Settings, engine: JobEngine | None = None) -> FastAPI:
         results,
         events,
         datasets,
+        tus,
         views,
         skylines,
         health,
@@ -138,8 +141,10 @@ def open_service(
     stack.callback(ingest.decoder.close)
     viewers = Viewers(settings, storage, lease.scratch / "views")
     stack.callback(viewers.close)
+    partials = Partials(settings.data_dir / "partial", settings.upload_ttl)
+    partials.sweep()
     if settings.auth == "none":
-        return Service(settings, engine, catalogue, storage, ingest, viewers)
+        return Service(settings, engine, catalogue, storage, ingest, viewers, partials)
     rates = {
         "api": settings.rate_api,
         "submit": settings.rate_submit,
@@ -147,4 +152,4 @@ def open_service(
     }
     buckets = {name: Buckets(Rate.parse(text)) for name, text in rates.items()}
     keys = KeyFile(settings.keys_file)
-    return Service(settings, engine, catalogue, storage, ingest, viewers, keys, buckets)
+    return Service(settings, engine, catalogue, storage, ingest, viewers, partials, keys, buckets)

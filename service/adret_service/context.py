@@ -13,6 +13,7 @@ from adret_service.engine.port import JobEngine
 from adret_service.ingest import Ingest
 from adret_service.problems import Problem
 from adret_service.rates import Buckets
+from adret_service.resuming import Partials
 from adret_service.settings import Settings
 from adret_service.storage import Storage
 from adret_service.viewers import Viewers
@@ -34,6 +35,7 @@ class Service:
     storage: Storage
     ingest: Ingest
     viewers: Viewers
+    partials: Partials
     keys: KeyFile | None = None
     rates: dict[str, Buckets] | None = None
 

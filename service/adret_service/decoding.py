@@ -22,6 +22,7 @@ from adret import rasters
 from adret.errors import InputError, RasterError
 from adret.screen import DepthBuffer
 from adret.terrain import Terrain
+from adret_service.arrays import array_kind, check_archive, read_array
 from adret_service.depths import decode_depth, read_depth_dataset
 from adret_service.storage import HEIGHTS, UPLOAD
 
@@ -52,7 +53,8 @@ def child(answer: int, folder: str, limits: dict[str, Any], options: dict[str, A
         memory [bytes], seconds, file_bytes, max_pixels, max_dim, max_bands, max_block_bytes,
         max_ratio, ratio_floor_bytes, drivers (all names of this build).
     options : dict
-        band, cell_size, vertical_unit, as `Terrain.open` takes them; camera of a depth buffer.
+        band, cell_size, vertical_unit, as `Terrain.open` takes them; camera of a depth buffer;
+        georeference of an array.
     """
     confine(folder, limits)
     try:
@@ -94,8 +96,16 @@ def confine(folder: str, limits: dict[str, Any]) -> None:
 
 def decode(limits: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
     """Check, read and write again; the folder of the upload is the current one."""
+    kind = array_kind(Path(UPLOAD))
     if options["camera"] is not None:
+        check_depth(kind, limits)
         return decode_depth(Path(UPLOAD), Path(HEIGHTS), options["camera"], limits)
+    if kind is not None:
+        grid, dtype = read_array(Path(UPLOAD), kind, options, limits)
+        return kept(grid, {"driver": kind.upper(), "dtype": dtype}, options)
+    if options["georeference"] is not None:
+        limit = "left out: only .npy and .npz files need one"
+        raise RasterError("georeference", limit, options["georeference"])
     source = check_header(limits)
     cell_size = None if options["cell_size"] is None else tuple(options["cell_size"])
     grid = rasters.open_heights(
@@ -109,9 +119,24 @@ def decode(limits: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
             max_block_bytes=limits["max_block_bytes"],
         ),
     )
+    return kept(grid, source, options)
+
+
+def check_depth(kind: str | None, limits: dict[str, Any]) -> None:
+    """Refuse a depth buffer whose header alone condemns it."""
+    with open(UPLOAD, "rb") as file:
+        start = file.read(4)
+    if kind == "npz":
+        check_archive(Path(UPLOAD), limits)
+    elif start.startswith((b"II", b"MM", b"\x89PNG")):
+        check_header(limits)
+
+
+def kept(
+    grid: rasters.HeightGrid, source: dict[str, Any], options: dict[str, Any]
+) -> dict[str, Any]:
+    """Write what was read; returns what a dataset says of itself."""
     terrain = Terrain(grid.heights, grid.cell_size, grid.crs, grid.transform)
-    unit = grid.vertical_unit
-    del grid
     write(terrain)
     low, high = np.nanmin(terrain.heights), np.nanmax(terrain.heights)
     return {
@@ -127,7 +152,7 @@ def decode(limits: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
         "lowest": float(low) + terrain.datum,
         "highest": float(high) + terrain.datum,
         "nodata_cells": int(terrain.mask.sum()),
-        "source": source | {"vertical_unit": unit, "band": options["band"]},
+        "source": source | {"vertical_unit": grid.vertical_unit, "band": options["band"]},
     }
 
 
@@ -137,6 +162,7 @@ def check_header(limits: dict[str, Any]) -> dict[str, Any]:
     with rasterio.Env(**rasters.GDAL_OPTIONS), rasterio.open(path, driver=driver) as source:
         count, kind = source.count, source.dtypes[0]
         rows, columns = source.height, source.width
+        block = math.prod(source.block_shapes[0]) * np.dtype(kind).itemsize
     if count > limits["max_bands"]:
         raise RasterError("bands", f"at most {limits['max_bands']}", count)
     if max(rows, columns) > limits["max_dim"]:
@@ -145,6 +171,9 @@ def check_header(limits: dict[str, Any]) -> dict[str, Any]:
         )
     if rows * columns > limits["max_pixels"]:
         raise RasterError("size", f"at most {limits['max_pixels']} cells", rows * columns)
+    if block > limits["max_block_bytes"]:
+        limit = f"at most {limits['max_block_bytes']} bytes a tile or strip (re-tile it)"
+        raise RasterError("block", limit, block)
     decoded = rows * columns * np.dtype(kind).itemsize
     ratio = decoded / os.path.getsize(UPLOAD)
     if decoded > limits["ratio_floor_bytes"] and ratio > limits["max_ratio"]:

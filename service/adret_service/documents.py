@@ -21,6 +21,7 @@ __all__ = [
     "StatusInfo",
     "StatusList",
     "TileGrid",
+    "UploadState",
 ]
 
 Status = Literal["accepted", "running", "successful", "failed", "dismissed"]
@@ -199,6 +200,16 @@ class DatasetList(Document):
 
     datasets: list[DatasetDocument]
     links: list[Link]
+
+
+class UploadState(Document):
+    """An upload in pieces: how far it is, and the dataset that became of it."""
+
+    id: str
+    offset: int = Field(description="Bytes that have come.")
+    length: int
+    dataset: str | None = None
+    links: list[Link] | None = None
 
 
 class TileGrid(Document):

@@ -43,6 +43,12 @@ class ReadOptions(BaseModel):
     vertical_unit: str | None = Field(
         default=None, max_length=32, description="Unit of the heights, if not the file's own."
     )
+    georeference: str | None = Field(
+        default=None,
+        max_length=2048,
+        description="Place of a .npy or .npz array: a JSON object with crs (such as EPSG:2056), "
+        "transform [a, b, c, d, e, f] and nodata.",
+    )
     camera: str | None = Field(
         default=None,
         max_length=8192,
@@ -232,4 +238,6 @@ def fingerprint_of(sha256: str, options: ReadOptions) -> str:
     """Return the digest that tells datasets apart: the file's own, unless it is read specially."""
     if options == ReadOptions():
         return sha256
-    return hashlib.sha256(f"{sha256} {options.model_dump_json()}".encode()).hexdigest()
+    left_out = {"georeference"} if options.georeference is None else None
+    read_as = options.model_dump_json(exclude=left_out)
+    return hashlib.sha256(f"{sha256} {read_as}".encode()).hexdigest()

@@ -67,7 +67,7 @@ class BodyLimit:
     limit : int
         Largest body [bytes].
     exempt : str
-        The one path with its own limit.
+        The path that has its own limit, and what is below it.
     """
 
     def __init__(self, app: ASGIApp, *, limit: int, exempt: str) -> None:
@@ -77,7 +77,8 @@ class BodyLimit:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
-        if scope["type"] != "http" or scope["path"] == self.exempt:
+        exempt = scope["type"] != "http" or f"{scope['path']}/".startswith(f"{self.exempt}/")
+        if exempt:
             await self.app(scope, receive, send)
             return
         declared = Headers(scope=scope).get("content-length", "")

@@ -34,6 +34,7 @@ INVALID_INPUT = OGC + "invalid-parameter-value"
 
 AGAIN = 5  # seconds until a request may be repeated
 MAX_VALUE_TEXT = 200
+TITLES = {460: "Checksum Mismatch"}  # a status of the tus protocol alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +123,7 @@ def render(request: Request, problem: Problem) -> JSONResponse:
     return JSONResponse(
         {
             "type": problem.type,
-            "title": HTTPStatus(problem.status).phrase,
+            "title": TITLES.get(problem.status) or HTTPStatus(problem.status).phrase,
             "status": problem.status,
             "detail": problem.detail,
             "instance": request.url.path,

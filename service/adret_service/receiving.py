@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+import time
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,11 +15,12 @@ from starlette.requests import ClientDisconnect, Request
 
 from adret_service.problems import FieldError, Problem, invalid, too_large
 
-__all__ = ["Received", "receive"]
+__all__ = ["Received", "pieces_of", "plain_name", "receive", "safe_name"]
 
 ENVELOPE = 64 * 1024  # what multipart may add around the file
 MAX_HEADER = 8 * 1024
 FLUSH = 1 << 20
+SLOWEST = 1024  # bytes a second below which an upload only holds a connection
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +85,12 @@ async def receive(request: Request, target: Path, limit: int, idle: float) -> Re
         raise too_large("file", f"at most {limit} bytes", int(declared))
     with target.open("wb") as file:
         sink = _Sink(file, limit)
-        pieces = _pieces(request, idle)
+        pieces = pieces_of(request, idle)
         try:
             if multipart:
                 name = await _multipart(pieces, options.get(b"boundary", b""), sink)
             else:
-                name = _filename(request.headers.get("content-disposition", "").encode("latin-1"))
+                name = plain_name(request.headers.get("content-disposition", "").encode("latin-1"))
                 async for piece in pieces:
                     sink.take(piece)
                     await sink.flush(at_least=FLUSH)
@@ -100,16 +102,31 @@ async def receive(request: Request, target: Path, limit: int, idle: float) -> Re
     return Received(target, name or "upload", sink.size, sink.sha256.hexdigest())
 
 
-async def _pieces(request: Request, idle: float) -> AsyncIterator[bytes]:
+async def pieces_of(request: Request, idle: float) -> AsyncIterator[bytes]:
+    """Yield the body as it comes.
+
+    Raises
+    ------
+    Problem
+        408 when nothing comes for `idle` seconds, or less than `SLOWEST` bytes a second on and on.
+    """
     stream = request.stream()
+    began, seen = time.monotonic(), 0
     while True:
+        late = time.monotonic() - began - idle
+        if late > 0.0 and seen < SLOWEST * late:
+            limit = f"at least {SLOWEST} bytes a second"
+            error = FieldError("body", limit, round(seen / (late + idle), 1))
+            raise Problem(408, str(error), errors=[error])
         try:
             with anyio.fail_after(idle):
                 piece = await anext(stream)
         except StopAsyncIteration:
             return
         except TimeoutError:
-            raise Problem(408, f"the upload stalled for {idle:g} s") from None
+            error = FieldError("body", f"without pauses of {idle:g} s", "a longer one")
+            raise Problem(408, str(error), errors=[error]) from None
+        seen += len(piece)
         yield piece
 
 
@@ -178,15 +195,19 @@ class _Form:
         if name != "file":
             raise invalid(FieldError(name or "part", "left out: only 'file' is taken", name))
         self.files += 1
-        self.filename = _filename(self._disposition)
+        self.filename = plain_name(self._disposition)
 
     def end(self) -> None:
         self.ended = True
 
 
-def _filename(disposition: bytes) -> str:
-    """The client's name of the file, for people to read: never used as a path."""
+def plain_name(disposition: bytes) -> str:
+    """Return the name that a part's or a body's header gives its file."""
     _, options = parse_options_header(disposition)
-    name = options.get(b"filename", b"").decode("utf-8", "replace")
+    return safe_name(options.get(b"filename", b"").decode("utf-8", "replace"))
+
+
+def safe_name(name: str) -> str:
+    """Return the client's name of a file, for people to read: never used as a path."""
     name = name.replace("\\", "/").rsplit("/", 1)[-1]
     return re.sub(r"[^\w .()+-]", "_", name)[:120].strip()

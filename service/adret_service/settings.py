@@ -98,6 +98,7 @@ class Settings(BaseSettings):
     ingest_timeout: float = Field(default=120.0, gt=0)
     ingest_slots: int = Field(default=2, ge=1)
     upload_idle: float = Field(default=60.0, gt=0)
+    upload_ttl: float = Field(default=86400.0, gt=0)
     min_free_bytes: int = Field(default=1 * GIB, ge=0)
 
     viewers: int = Field(default_factory=lambda: min(2, os.cpu_count() or 1), ge=1, le=64)

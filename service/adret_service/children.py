@@ -50,6 +50,12 @@ class ComputeChild:
         RuntimeError
             If it died or hung while it started.
         """
+        self._launch()
+        layer = self._ready(lambda _: True)
+        assert layer is not None
+        return layer
+
+    def _launch(self) -> None:
         environment = {k: v for k, v in os.environ.items() if not k.startswith("ADRET_")}
         environment |= {
             "NUMBA_NUM_THREADS": str(self.threads),
@@ -67,17 +73,27 @@ class ComputeChild:
         threading.Thread(
             target=_pump, args=(self._process.stdout, self._answers), daemon=True
         ).start()
-        try:
-            first = self._answers.get(timeout=START_PATIENCE)
-        except queue.Empty:
-            first = None
-        if first is None:
-            self.kill()
-            raise RuntimeError("the computing process died or hung while it started")
-        if first["event"] != "ready":
-            self.kill()
-            raise Unfit(first["reason"])
-        return str(first["layer"])
+
+    def _ready(self, note: Callable[[Message | None], bool]) -> str | None:
+        """Wait until the kernels are loaded; None if `note` says that nobody wants them now."""
+        deadline = time.monotonic() + START_PATIENCE
+        while True:
+            try:
+                first = self._answers.get(timeout=TICK)
+            except queue.Empty:
+                if not note(None):
+                    self.kill()
+                    return None
+                if time.monotonic() < deadline:
+                    continue
+                first = None
+            if first is None:
+                self.kill()
+                raise RuntimeError("the computing process died or hung while it started")
+            if first["event"] != "ready":
+                self.kill()
+                raise Unfit(first["reason"])
+            return str(first["layer"])
 
     def run(self, order: Message, note: Callable[[Message | None], bool], grace: float) -> Message:
         """Run one order to its end.
@@ -98,7 +114,9 @@ class ComputeChild:
         """
         try:
             if self._process is None or self._process.poll() is not None:
-                self.start()
+                self._launch()
+                if self._ready(note) is None:
+                    return {"event": "cancelled"}
             self._send(order)
             while True:
                 try:

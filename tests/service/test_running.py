@@ -299,3 +299,14 @@ def test_a_worker_that_wakes_up_late_leaves_the_results_of_another_alone(
     results = bench.results(breaks)
     assert results is not None
     assert b"".join(bench.storage.read(results["result"].key)) == b"the other's"
+
+
+def test_a_job_that_is_dismissed_while_its_child_starts_does_not_wait_for_it() -> None:
+    slow = ComputeChild(1, [sys.executable, "-c", "import time; time.sleep(60)"])
+    began = time.monotonic()
+    asked: list[object] = []
+    end = slow.run({}, lambda message: asked.append(message) is None and len(asked) < 3, 0.1)
+    assert end == {"event": "cancelled"}
+    assert asked == [None] * 3
+    assert time.monotonic() - began < 5.0
+    assert slow._process is None

@@ -284,13 +284,14 @@ def _plain_rays(quick: bool) -> Iterator[Run]:
         )
 
 
-def speed_runs(case_radius: float) -> list[tuple[str, str, dict[str, Any]]]:
-    """Name, method and options of what is timed on a whole frame."""
+def speed_runs(case_radius: float, *, slow: bool) -> list[tuple[str, str, dict[str, Any]]]:
+    """Name, method and options of what is timed on a whole frame; the slow ones if asked for."""
     far = {"falloff": "timonen", "falloff_scale": (0.25 * case_radius) ** 2}
     near = {"falloff": "quadratic", "radius": case_radius}
+    many = [("exact K=32", "exact", {"directions": 32})] if slow else []
     return [
+        *many,
         ("exact K=8", "exact", {"directions": 8}),
-        ("exact K=32", "exact", {"directions": 32}),
         ("lsao dense K=8", "lsao", {"directions": 8, **far}),
         (
             "lsao sparse K=8",

@@ -32,6 +32,8 @@ ORDERS: list[tuple[str, dict[str, Any]]] = [
     ("viewshed", {"observer": ((100, 100), (50, 180))}),
     ("visibility", {"directions": 8}),
     ("visibility", {"directions": 8, "method": "march"}),
+    ("visibility", {"directions": 8, "method": "tree"}),
+    ("ssao", {}),
 ]
 
 
@@ -48,6 +50,18 @@ def terrain(side: int) -> adret.Terrain:
     return adret.Terrain(heights.astype(np.float32), (10.0, 10.0))
 
 
+def source(name: str, side: int) -> Any:
+    """What a process reads: rough ground, or a frame that looks onto it."""
+    ground = terrain(side)
+    if PRODUCTS[name].reads == "terrain":
+        return ground
+    from adret.screen import Camera, DepthBuffer
+
+    depth = 200.0 - (ground.heights - ground.heights.mean())
+    camera = Camera.from_mapping({"width": side, "height": side, "fov_y_deg": 50.0})
+    return DepthBuffer(depth.astype(np.float32), camera)
+
+
 def main() -> None:
     """Print one line an order and size."""
     worst = 1.0
@@ -56,9 +70,9 @@ def main() -> None:
         for name, given in ORDERS:
             product = PRODUCTS[name]
             parameters = product.parameters(**given)
-            run(product, terrain(256), parameters, out, picture)  # compiles
+            run(product, source(name, 256), parameters, out, picture)  # compiles
             for side in (256, 700):
-                ground = terrain(side)
+                ground = source(name, side)
                 info = {"rows": side, "columns": side, "cell_size": [10.0, 10.0]}
                 inputs = {f: getattr(parameters, f) for f in parameters.__dataclass_fields__}
                 foreseen = cost(name, inputs, info)

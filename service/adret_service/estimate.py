@@ -17,20 +17,21 @@ __all__ = ["Cost", "cost", "seconds"]
 
 # (process, method): nanoseconds a cell and pass, and a cell, pass and cell of reach; one core.
 SPEEDS: dict[tuple[str, str], tuple[float, float]] = {
-    ("horizon", "sweep"): (20.0, 0.0),
-    ("horizon", "hull"): (14.0, 0.0),
-    ("horizon", "march"): (5.0, 0.5),
-    ("horizon", "exact"): (10.0, 4.0),
-    ("bounce", ""): (60.0, 0.0),
-    ("viewshed", ""): (20.0, 0.5),
-    ("visibility", "rays"): (20.0, 2.0),
-    ("visibility", "tree"): (150.0, 0.0),
-    ("visibility", "march"): (10.0, 1.0),
-    ("ssao", ""): (2.0, 0.0),
+    ("horizon", "sweep"): (75.0, 0.0),
+    ("horizon", "hull"): (200.0, 0.0),
+    ("horizon", "march"): (30.0, 1.6),
+    ("horizon", "exact"): (0.0, 33.0),
+    ("bounce", ""): (450.0, 1.5),
+    ("viewshed", ""): (20.0, 1.8),
+    ("visibility", "rays"): (0.0, 1.05),
+    ("visibility", "tree"): (400.0, 0.0),
+    ("visibility", "march"): (350.0, 6.7),
+    ("ssao", ""): (10.0, 0.0),
 }
 LIKE_HORIZON = ("sky-view", "openness", "shadow", "light")
-STORED = 40.0  # nanoseconds to store a number, with the picture
-START = 0.15  # seconds to begin and to end a job
+STORED = 290.0  # nanoseconds to store a number of one of many bands
+PICTURED = 1500.0  # nanoseconds a cell for the raster of one band and its picture
+START = 0.05  # seconds to begin and to end a job
 FACTOR = 3.0  # measured seconds lie within this factor of the line on the machine of the benchmark
 ENOUGH = 5  # jobs from which on their times count more than the line
 COMPRESSED = 0.6  # stored bytes a byte of a number, about
@@ -96,7 +97,8 @@ def cost(process: str, inputs: Mapping[str, Any], info: Mapping[str, Any]) -> Co
     name = "horizon" if process in LIKE_HORIZON else process
     method = str(inputs.get("method") or "") if name in ("horizon", "visibility") else ""
     near, far = SPEEDS.get((name, method), (100.0, 1.0))
-    work = cells * (passes * (near + far * reach) + bands * STORED)
+    stored = PICTURED + (bands * STORED if bands > 1 else 0.0)
+    work = cells * (passes * (near + far * reach) + stored)
     return Cost(
         cells=cells,
         passes=passes,

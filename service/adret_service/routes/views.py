@@ -13,7 +13,7 @@ import adret
 from adret_service.context import BaseUrl, ServiceDep, Tenant
 from adret_service.documents import PointValues, TileGrid
 from adret_service.maps import PAGE, SECURITY
-from adret_service.problems import FieldError, invalid
+from adret_service.problems import FieldError, Problem, invalid
 from adret_service.routes.datasets import found_dataset
 from adret_service.routes.jobs import finished_results
 from adret_service.viewers import View
@@ -68,7 +68,10 @@ def raster_of_dataset(dataset_id: str, service: ServiceDep, tenant: Tenant) -> R
 
 def raster_of_job(job_id: str, service: ServiceDep, tenant: Tenant) -> Raster:
     """Return a finished job's raster or answer why there is none."""
-    return Raster(finished_results(service, job_id, tenant)["result"].key, f"/jobs/{job_id}")
+    result = finished_results(service, job_id, tenant).get("result")
+    if result is None:
+        raise Problem(404, "this job has made no raster")
+    return Raster(result.key, f"/jobs/{job_id}")
 
 
 def add_views(path: str, name: str, find: Callable[..., Raster]) -> None:

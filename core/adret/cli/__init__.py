@@ -31,7 +31,7 @@ COMMANDS = (
     "batch",
 )
 # Commands that other packages bring, and the extra that installs them.
-SERVING = ("serve", "worker", "keys")
+SERVING = ("serve", "worker", "keys", "tile-worker")
 USING = ("login", "upload", "run", "jobs", "watch", "cancel", "fetch")
 EXTRAS = dict.fromkeys((*SERVING, *USING), "service")
 GROUP = "adret.commands"

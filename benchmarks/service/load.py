@@ -98,7 +98,7 @@ def main() -> None:
     parser.add_argument("--tiles", help="Path of a tile with {dataset}, {x} and {y}.")
     parser.add_argument("--keep", action="store_true", help="Write the results' file.")
     options = parser.parse_args()
-    with serving(options.database, ADRET_THREADS_PER_JOB="1") as server:
+    with serving(options.database, ADRET_THREADS_PER_JOB="1", ADRET_COMPUTE_NICE="5") as server:
         dataset = server.upload(DEM).json()["id"]
         tiles = options.tiles and options.tiles.replace("{dataset}", dataset)
         load = Load(server, dataset, tiles)

@@ -32,11 +32,13 @@ class ComputeChild:
         Kernel threads.
     command : list of str, optional
         Replaces the command line, for tests.
+    nice : int
+        How far it steps back behind other processes that want the same cores, such as the API.
     """
 
-    def __init__(self, threads: int, command: list[str] | None = None) -> None:
+    def __init__(self, threads: int, command: list[str] | None = None, nice: int = 0) -> None:
         self.threads = threads
-        self.command = command or [sys.executable, "-m", "adret_service.compute"]
+        self.command = command or [sys.executable, "-m", "adret_service.compute", str(nice)]
         self._process: subprocess.Popen[str] | None = None
         self._answers: queue.Queue[Message | None] = queue.Queue()
 

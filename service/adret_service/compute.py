@@ -50,7 +50,9 @@ class Orders:
 
 
 def main() -> None:
-    """Serve orders until the input closes."""
+    """Serve orders until the input closes; the argument is how nice to be to other processes."""
+    if len(sys.argv) > 1 and hasattr(os, "nice"):
+        os.nice(int(sys.argv[1]))
     # Whatever a library prints must not mix with the answers.
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)

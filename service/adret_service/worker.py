@@ -44,7 +44,10 @@ def run_worker(settings: Settings, watched: IO[str] | None = None) -> NoReturn:
         threading.Thread(target=_at_end, args=(watched, stop), daemon=True).start()
     set_up_tracing(settings, "worker")
     lease = Lease(settings.locks_dir, settings.scratch_dir, "worker")
-    children = [ComputeChild(settings.threads) for _ in range(settings.job_slots)]
+    children = [
+        ComputeChild(settings.threads, nice=settings.compute_nice)
+        for _ in range(settings.job_slots)
+    ]
     with ThreadPoolExecutor() as starts:  # kernels load while the database opens
         starting = [starts.submit(child.start) for child in children]
 

@@ -54,6 +54,7 @@ class Server:
                     "ADRET_LIVENESS_INTERVAL": "0.3",
                     "ADRET_QUEUE_POLL": "0.1",
                     "ADRET_MIN_FREE_BYTES": "0",
+                    "ADRET_COMPUTE_NICE": "0",
                     **self.environment,
                 },
                 stdin=subprocess.DEVNULL,

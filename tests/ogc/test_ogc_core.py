@@ -431,3 +431,19 @@ def test_a_dismissed_wait_ends_at_once(execute: Execute, ogc: Server) -> None:
     ogc.http.delete(f"/jobs/{running()[0]}")
     waiter.join(10.0)
     check_exception(answers[0], 404, "result-not-ready")
+
+
+def test_a_job_without_a_raster_has_no_views(
+    execute: Execute, ogc: Server, finished: Finished
+) -> None:
+    answer = execute("respond-async", inputs={"string": TEXT})
+    finished(answer)
+    check_exception(ogc.http.get(answer.headers["location"] + "/preview.png"), 404)
+    item = ogc.http.get(answer.headers["location"] + "/stac").json()
+    assert item["geometry"] is None
+    assert item["assets"]["string"]["type"] == "application/json"
+
+
+def test_an_estimate_of_an_echo_is_its_pause(ogc: Server) -> None:
+    answer = ogc.http.post("/processes/echo/estimate", json={"inputs": {"pause": 2}})
+    assert answer.json()["seconds"]["expected"] == 2.0

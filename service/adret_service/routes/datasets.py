@@ -123,7 +123,8 @@ def require_room(service: Service) -> None:
     if free < service.settings.min_free_bytes:
         detail = f"free space: must be {service.settings.min_free_bytes}, got {free}"
         raise Problem(507, detail)
-    used, most = scratch_bytes(service.settings.scratch_dir), service.settings.scratch_max_bytes
+    most = service.settings.scratch_max_bytes
+    used = scratch_bytes(service.settings.scratch_dir, fresh=1.0)
     if used > most:
         detail = f"work in progress: must be at most {most} bytes, got {used}"
         raise Problem(507, detail, headers={"Retry-After": "30"})

@@ -11,6 +11,7 @@ import zipfile
 import zlib
 from math import prod
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Any
 
 import numpy as np
@@ -28,6 +29,9 @@ ZIP = b"PK\x03\x04"
 HEIGHTS = "heights.npy"
 MAX_MEMBERS = 16
 MAX_HEADER = 10_000
+VERSIONS = ((1, 0), (2, 0), (3, 0))
+# What numpy's reader of headers, which are Python literals, lets through.
+UNREADABLE = (ValueError, EOFError, RecursionError, MemoryError, SyntaxError, TypeError, TokenError)
 CODE = re.compile(r"[A-Za-z][A-Za-z0-9_]{1,15}:[0-9]{1,8}")
 KINDS = "a GeoTIFF, an Arc/Info ASCII grid, a PNG, a .npy file or a .npz file that can be read"
 MEMBERS = ("crs", "transform", "nodata")
@@ -136,10 +140,12 @@ def read_npy(stream: IO[bytes], size: int, limits: dict[str, Any]) -> NDArray[An
     """Read one array whose header says as many numbers as there are, and not too many."""
     try:
         version = np.lib.format.read_magic(stream)
+        if version not in VERSIONS:
+            raise ValueError(f"format version {version}")
         old = version == (1, 0)
         header = np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = header(stream, max_header_size=MAX_HEADER)
-    except (ValueError, EOFError, RecursionError, MemoryError, SyntaxError, TypeError) as error:
+    except UNREADABLE as error:
         text = " ".join(str(error).split())
         raise RasterError("file", "a NumPy array with a readable header", text) from None
     if dtype.hasobject or dtype.kind not in "iuf" or dtype.itemsize > 8:

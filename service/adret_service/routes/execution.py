@@ -41,11 +41,28 @@ ORDERED: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "The results, where the client waited for them: a document, one raw "
         "output, or several as multipart/related.",
-        "content": {"application/json": {}, "image/tiff": {}, "multipart/related": {}},
+        "content": {
+            "application/json": {},
+            "image/tiff": {},
+            "image/png": {},
+            "multipart/related": {},
+        },
     },
     201: {"model": StatusInfo, "description": "The job, in a queue; `Location` is its address."},
     204: {"description": "The results are all references, in `Link` headers."},
+    206: {"description": "The bytes of one range, of a raw output."},
+    304: {"description": "The client has this raw output already."},
 }
+
+
+def _callback(member: str, schema: str) -> dict[str, Any]:
+    """Describe the request that a subscriber gets."""
+    reference = {"schema": {"$ref": f"#/components/schemas/{schema}"}}
+    told = {
+        "requestBody": {"content": {"application/json": reference}},
+        "responses": {"2XX": {"description": "Heard; anything else is sent again."}},
+    }
+    return {f"{{$request.body#/subscriber/{member}}}": {"post": told}}
 
 
 @router.post(
@@ -57,6 +74,14 @@ ORDERED: dict[int | str, dict[str, Any]] = {
     responses=ORDERED,
     openapi_extra={
         "requestBody": {"content": {"application/json": {"examples": EXECUTIONS}}},
+        "callbacks": {
+            name: _callback(member, schema)
+            for name, member, schema in (
+                ("jobCompleted", "successUri", "Results"),
+                ("jobInProgress", "inProgressUri", "StatusInfo"),
+                ("jobFailed", "failedUri", "StatusInfo"),
+            )
+        },
     },
 )
 async def execute_process(

@@ -30,10 +30,18 @@ RESULTS: dict[int | str, dict[str, Any]] = {
     200: {
         "model": Results,
         "description": "A document, one raw output, or several as multipart/related.",
-        "content": {"image/tiff": {}, "multipart/related": {}},
+        "content": {"image/tiff": {}, "image/png": {}, "multipart/related": {}},
     },
+    206: {"description": "The bytes of one range, of a raw output."},
+    304: {"description": "The client has this raw output already."},
     204: {"description": "The results are all references, in `Link` headers."},
 }
+
+
+class GeoJson(JSONResponse):
+    """JSON under GeoJSON's own media type."""
+
+    media_type = "application/geo+json"
 
 
 @router.get(
@@ -72,7 +80,7 @@ def get_results(
 @router.get(
     "/jobs/{job_id}/stac",
     operation_id="getItem",
-    response_class=JSONResponse,
+    response_class=GeoJson,
     response_model=StacItem,
     response_model_exclude_unset=True,
 )
@@ -83,8 +91,7 @@ def get_item(job_id: str, service: ServiceDep, tenant: Tenant, base: BaseUrl) ->
     artefacts = artefacts_of(service, job)
     process = known_process(service, job.process)
     dataset = service.catalogue.get(job.dataset, tenant) if job.dataset else None
-    body = item(job, process, dataset, artefacts, base)
-    return JSONResponse(body, media_type="application/geo+json")
+    return GeoJson(item(job, process, dataset, artefacts, base))
 
 
 @router.get(

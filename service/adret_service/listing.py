@@ -93,7 +93,7 @@ def instants(text: str) -> tuple[float | None, float | None]:
     limit = "an RFC 3339 date-time, or two with a slash between them"
     if not slash:
         first = last = text
-    ends = []
+    ends: list[float | None] = []
     for end in (first, last):
         if slash and end in ("", ".."):
             ends.append(None)
@@ -105,9 +105,11 @@ def instants(text: str) -> tuple[float | None, float | None]:
             ends.append(found.timestamp())
         except (ValueError, OverflowError):
             raise invalid(FieldError("datetime", limit, text)) from None
-    if ends == [None, None] or (None not in ends and ends[0] > ends[1]):  # type: ignore[operator]
+    least, largest = ends
+    known = (least is not None) + (largest is not None)
+    if not known or (least is not None and largest is not None and least > largest):
         raise invalid(FieldError("datetime", limit + ", the earlier one first", text))
-    return ends[0], ends[1]
+    return least, largest
 
 
 Shown = Annotated[JobQuery, Depends(JobQuery)]

@@ -88,9 +88,9 @@ def checked_request(order: Execute, process: Process, outbound: Outbound) -> dic
     if order.subscriber is not None:
         addresses = order.subscriber.model_dump(exclude_none=True)
         for name, address in addresses.items():
-            limit = outbound.refusal(address)
-            if limit is not None:
-                errors.append(FieldError(f"subscriber.{name}", limit, address))
+            refusal = outbound.refusal(address)
+            if refusal is not None:
+                errors.append(FieldError(f"subscriber.{name}", refusal, address))
         request["subscriber"] = addresses
     if errors:
         raise invalid(*errors)

@@ -129,7 +129,8 @@ async def execute_process(
                 headers["Preference-Applied"] = f"wait={preferred['wait']}"
             headers["Link"] = f"<{base}/jobs/{job.id}>; rel=monitor"
             return await run_sync(partial(answer, service, ended, base, request, headers))
-        job = await run_sync(service.engine.get, job.id, tenant) or job
+        found = await run_sync(service.engine.get, job.id, tenant)
+        job = job if found is None else found
     elif "respond-async" in preferred:
         headers["Preference-Applied"] = "respond-async"
     headers["Location"] = f"{base}/jobs/{job.id}"

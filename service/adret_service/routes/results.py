@@ -68,8 +68,8 @@ def get_results(
         names = [name for name in outputs.split(",") if name]
         unknown = [name for name in names if name not in artefacts]
         if unknown:
-            limit = f"of {', '.join(artefacts)}"
-            raise invalid(*(FieldError("outputs", limit, name) for name in unknown))
+            made = f"of {', '.join(artefacts)}"
+            raise invalid(*(FieldError("outputs", made, name) for name in unknown))
         ordered = job.request.get("outputs") or {}
         modes = {name: ordered.get(name) for name in names}
         job = dataclasses.replace(job, request={**job.request, "outputs": modes})

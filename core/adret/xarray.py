@@ -215,10 +215,10 @@ def _lazy(
     array: Any, grid: RasterGrid, compute: Compute, options: HorizonOptions, count: tuple[int, ...]
 ) -> Any:
     """A Dask array of the same chunks, each an exact tile."""
-    import dask
     import dask.array as da
+    from dask.delayed import delayed
 
-    datum = dask.delayed(_datum)(_extreme(array, np.fmin), _extreme(array, np.fmax))
+    datum = delayed(_datum)(_extreme(array, np.fmin), _extreme(array, np.fmax))
     rows, columns = (np.cumsum((0, *sizes)).tolist() for sizes in array.chunks)
     bands = []
     for top, bottom in pairwise(rows):
@@ -231,7 +231,7 @@ def _lazy(
             seen = array[corner[0] : bottom + halo, corner[1] : right + halo]
             shape = (bottom - top, right - left)
             place = (top - corner[0], left - corner[1])
-            tile = dask.delayed(_tile)(seen, datum, place, shape, corner, grid, compute)
+            tile = delayed(_tile)(seen, datum, place, shape, corner, grid, compute)
             band.append(da.from_delayed(tile, (*count, *shape), np.float32))
         bands.append(da.concatenate(band, axis=-1))
     return da.concatenate(bands, axis=-2)

@@ -84,10 +84,11 @@ def _ready(
     """A job that fits the memory, in its folder."""
     from adret.tiling import plan
     from adret.tiling.batches import prepare
+    from adret.tiling.jobs import known_datum
     from adret.tiling.plans import check_memory, default_threads
 
     with progress_bar("heights") as progress:
-        job = job_of(request, files, progress)
+        job = job_of(request, files, progress, known_datum(folder) if resume else None)
     found = plan(job, request.workers, default_threads(request.workers))
     check_memory(found, job, request.memory, folder)
     prepare(job, folder, resume=resume, overwrite=overwrite)

@@ -132,8 +132,13 @@ def job_command(
     return register
 
 
-def job_of(request: Request, sources: Sequence[str], progress: Any = None) -> "Job":
-    """The job of a surface of files."""
+def job_of(
+    request: Request,
+    sources: Sequence[str],
+    progress: Any = None,
+    datum: float | None = None,
+) -> "Job":
+    """The job of a surface of files; of one that was begun, its datum is known."""
     from adret.tiling import Job, Surface
 
     surface = Surface.open(
@@ -141,6 +146,7 @@ def job_of(request: Request, sources: Sequence[str], progress: Any = None) -> "J
         request.band,
         cell_size=request.cell_size,
         vertical_unit=request.vertical_unit,
+        datum=datum,
         progress=progress,
     )
     return Job(surface, request.products, request.tile_size)

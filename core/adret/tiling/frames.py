@@ -130,7 +130,7 @@ class StoredFrames:
                 return
             with atomic(path) as unfinished, unfinished.open("wb") as file:
                 for block in rows():
-                    file.write(memoryview(np.ascontiguousarray(block)).cast("B"))
+                    file.write(np.ascontiguousarray(block).data)
 
 
 @contextlib.contextmanager

@@ -211,6 +211,12 @@ def read_json(path: Path) -> Any:
         return None
 
 
+def known_datum(out: Path) -> float | None:
+    """The datum of the job that was begun in a folder; its files are compared with it later."""
+    known = read_json(out / FOLDER / "job.json")
+    return None if known is None else float(known["datum"])
+
+
 def digest(document: Mapping[str, Any]) -> str:
     """SHA-256 of a document."""
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()

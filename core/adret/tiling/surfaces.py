@@ -80,9 +80,10 @@ class Surface:
         *,
         vertical_unit: str | None = None,
         cell_size: tuple[float, float] | None = None,
+        datum: float | None = None,
         progress: Progress | None = None,
     ) -> Self:
-        """Read the headers, and once every height, for their range.
+        """Read the headers and, unless a datum is given, once every height, for their range.
 
         Raises
         ------
@@ -102,9 +103,10 @@ class Surface:
         pieces, grid = _laid_out(headers, cell_size)
         first = next(iter(headers.values()))
         item = max(header.item_size for header in headers.values())
-        unranged = cls(pieces, grid, band, first.vertical_unit, item, 0.0)
-        low, high = unranged._range(progress)
-        return cls(pieces, grid, band, first.vertical_unit, item, _heights.middle(low, high))
+        if datum is None:
+            unranged = cls(pieces, grid, band, first.vertical_unit, item, 0.0)
+            datum = _heights.middle(*unranged._range(progress))
+        return cls(pieces, grid, band, first.vertical_unit, item, datum)
 
     def tile(self, rows: Span, columns: Span, halo: int | None) -> Terrain:
         """The tile that `Terrain.open(...).tile(rows, columns, halo)` would be."""

@@ -15,7 +15,7 @@ from adret_service.engine.ledger import OPEN
 from adret_service.ids import new_id
 from adret_service.storage import HEIGHTS, Storage
 
-__all__ = ["Dataset", "DatasetCatalogue"]
+__all__ = ["Dataset", "DatasetCatalogue", "wait_for_orders"]
 
 GEOTIFF = "image/tiff; application=geotiff"
 
@@ -122,6 +122,7 @@ class DatasetCatalogue:
             datasets.c.id == dataset_id, datasets.c.tenant == tenant, ~in_use
         )
         with self.database.begin() as connection:
+            wait_for_orders(connection, dataset_id)
             deleted = connection.execute(statement).rowcount == 1
         if deleted:
             self.storage.delete(f"{tenant}/datasets/{dataset_id}")
@@ -152,6 +153,16 @@ class DatasetCatalogue:
         with self.database.connect() as connection:
             row = connection.execute(sa.select(datasets).where(*conditions)).first()
         return None if row is None else Dataset(**row._mapping)
+
+
+def wait_for_orders(connection: sa.Connection, dataset_id: str) -> None:
+    """Wait for orders that are being accepted for a dataset, and hold up new ones.
+
+    An order locks the dataset that it names. PostgreSQL does not look at a deletion's condition
+    again after it waited for such a lock: the condition must come in a later statement.
+    """
+    query = sa.select(datasets.c.id).where(datasets.c.id == dataset_id)
+    connection.execute(query.with_for_update()).first()
 
 
 def public(dataset: Dataset) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import time
 import sqlalchemy as sa
 
 from adret_service.database import datasets, jobs, usage
-from adret_service.datasets import DatasetCatalogue
+from adret_service.datasets import DatasetCatalogue, wait_for_orders
 from adret_service.engine.durable import DurableEngine
 from adret_service.engine.port import FINISHED, JobStatus
 from adret_service.settings import Settings
@@ -106,6 +106,7 @@ class Janitor:
         for row in rows:
             statement = datasets.delete().where(datasets.c.id == row.id, unused)
             with self.engine.database.begin() as connection:
+                wait_for_orders(connection, row.id)
                 deleted = connection.execute(statement).rowcount == 1
             if deleted:
                 self.catalogue.storage.delete(f"{row.tenant}/datasets/{row.id}")

@@ -1,11 +1,13 @@
 """What is old goes; what a kept job refers to stays."""
 
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from postgres import Postgres
 
 from adret_service.database import datasets, events, jobs, open_database, usage
 from adret_service.datasets import DatasetCatalogue
@@ -71,10 +73,18 @@ class Home:
         return known, self.catalogue.storage.manifest(prefix_of(job)) is not None
 
 
-@pytest.fixture
-def home(tmp_path: Path) -> Iterator[Home]:
+@pytest.fixture(params=["sqlite", "postgresql"])
+def home(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Home]:
+    address = ""
+    if request.param == "postgresql":
+        server: Postgres = request.getfixturevalue("postgres")
+        address = server.url(f"retention-{new_id()}")
     settings = Settings(
-        data_dir=tmp_path / "data", retention_days=7, keep_failed_days=2, dataset_days=30
+        data_dir=tmp_path / "data",
+        database_url=address,
+        retention_days=7,
+        keep_failed_days=2,
+        dataset_days=30,
     )
     database = open_database(settings)
     engine = DurableEngine(settings, database)
@@ -113,6 +123,26 @@ def test_a_dataset_stays_as_long_as_a_kept_job_refers_to_it(home: Home) -> None:
     assert home.engine.remove(job.id, "t")
     assert home.janitor.look() == (0, 1)
     assert home.catalogue.get(read, "t") is None
+
+
+def test_a_dataset_that_is_being_ordered_stays(home: Home) -> None:
+    """An order that is not yet committed holds its dataset against user and janitor."""
+    dataset = home.dataset("a", days=31)
+    job = JobRecord(id=new_id(), tenant="t", process="p", dataset=dataset, inputs={})
+    outcomes: list[object] = []
+    with home.engine.database.begin() as connection:
+        home.engine.insert(connection, job)
+        threads = [
+            threading.Thread(target=lambda: outcomes.append(home.janitor.look())),
+            threading.Thread(target=lambda: outcomes.append(home.catalogue.delete(dataset, "t"))),
+        ]
+        for thread in threads:
+            thread.start()
+        time.sleep(0.5)
+    for thread in threads:
+        thread.join(30.0)
+    assert home.catalogue.get(dataset, "t") is not None
+    assert sorted(map(str, outcomes)) == ["(0, 0)", "False"]
 
 
 def test_zero_days_keep_for_ever(home: Home) -> None:

@@ -62,7 +62,8 @@ def worker(
 def keys(
     tenant: Annotated[str | None, typer.Option(help="Make a key for this tenant.")] = None,
     scope: Annotated[
-        list[str] | None, typer.Option(help="read, submit or metrics; may be repeated; default: read, submit.")
+        list[str] | None,
+        typer.Option(help="read, submit or metrics; may be repeated; default: read, submit."),
     ] = None,
     remove: Annotated[str | None, typer.Option(help="Forget the key of this id.")] = None,
     data_dir: Annotated[

@@ -17,7 +17,7 @@ from adret.errors import InputError
 from adret.screen.field import Field
 from adret.screen.occlusion import Estimate, Progress
 from adret.screen.options import FalloffOptions, option
-from adret.screen.slabs import table_of
+from adret.screen.slabs import weights_of
 
 __all__ = ["Options", "estimate"]
 
@@ -26,6 +26,8 @@ BIAS = 0.02
 """Slope by which a peak may fall towards the receiver and still be the peak."""
 LEAN = 0.5
 """Where between an interval's near end and its peak a slab meets the horizon so far."""
+PARTS = 8
+"""Parts of a row that places are rounded to which lie between rows."""
 SNAP = 1e-9
 STEEPEST = math.radians(80.0)
 
@@ -184,7 +186,7 @@ class _Work:
     def __init__(self, field: Field, options: Options) -> None:
         self.field = field
         self.options = options
-        self.table = table_of(field, options.weights())
+        self.weights = weights_of(field, options.weights())
         self.frames = [_frame(field, options, swap) for swap in (False, True)]
         # A receiver angle of 45° at the middle depth (P4 takes 0° and 45°).
         ax, _, ay, _ = field.rays
@@ -210,7 +212,7 @@ class _Work:
                 at.view,
                 lines,
                 at.mipmaps,
-                self.table,
+                self.weights,
                 at.frame,
                 sign,
                 slopes,
@@ -254,9 +256,12 @@ class _Work:
             scanning.merge(height, place, a, b, b, bias, fall != 0.0)
         if fall:
             scanning.to_rows(height, place, fall)
-        sums = [np.empty((starts[-1], number + 1)) for _ in range(3)]
-        scanning.sum_lines(height, place, *sums)
-        return Lines(slope, first, size, rows, starts[:-1], height, place, *sums)
+        phases = 3 if self.options.separation else 1
+        per_row = PARTS if fall else 1
+        sums = scanning.empty_sums(len(height), phases, number)
+        rows_of = [n * size << level for level, m in enumerate(counts) for n in range(m)]
+        scanning.sum_lines(height, place, np.array(rows_of), per_row, *sums)
+        return Lines(slope, first, size, rows, starts[:-1], height, place, *sums, per_row)
 
     def result(self) -> tuple[Layer, Layer]:
         """Occlusion and confidence of the frame."""

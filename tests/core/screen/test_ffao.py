@@ -7,9 +7,11 @@ import pytest
 
 import screen_scenes as scenes
 from adret import Camera, DepthBuffer, InputError
+from adret._kernels.screen import far_field_block as block
 from adret._kernels.screen import far_field_lines as scanning
+from adret._kernels.screen import far_field_slabs as slabs
 from adret.screen import ambient_occlusion, ffao, make_falloff, raytraced
-from adret.screen.slabs import slab_table
+from adret.screen.slabs import slab_weights
 
 
 def buffer_of(view):
@@ -43,36 +45,89 @@ def test_peaks_and_pyramid_are_those_of_a_walk_along_each_line():
             assert place[n, line] == row
 
 
-def test_prefix_sums_give_means_over_any_lines():
+@pytest.mark.parametrize("phases", [1, 3])
+def test_prefix_sums_give_means_over_any_lines(phases):
     draw = np.random.default_rng(1)
     height = draw.random((3, 50)).astype(np.float32)
-    height[:, 7] = -np.inf
-    sums = [np.empty((3, 51)) for _ in range(3)]
-    scanning.sum_lines(height, 2.0 * height, *sums)
-    part = height[1, 4:30].astype(float)
-    part = part[np.isfinite(part)]
-    heights, places, counts = (each[1, 30] - each[1, 4] for each in sums)
-    assert counts == len(part)
-    assert heights / counts == pytest.approx(part.mean(), abs=1e-12)
-    assert places / counts == pytest.approx(2.0 * part.mean(), abs=1e-12)
+    height[1, 7] = -np.inf
+    height[1, :2] = -np.inf
+    place = 20 + draw.integers(0, 10, (3, 50)).astype(np.float32)
+    *sums, spans = scanning.empty_sums(3, phases, 50)
+    scanning.sum_lines(height, place, np.full(3, 20), 1, *sums, spans)
+    heights, places, counts, tops = (
+        each.transpose(0, 2, 1).reshape(3, -1)[:, :51] for each in sums
+    )
+    part = np.isfinite(height[1, 4:30])
+    kept = height[1, 4:30][part].astype(float)
+    assert counts[1, 30] - counts[1, 4] == part.sum()
+    assert heights[1, 30] - heights[1, 4] == pytest.approx(kept.sum(), abs=1e-12)
+    assert places[1, 30] - places[1, 4] == (place[1, 4:30][part] - 20).sum()
+    assert np.array_equal(tops[1, :50], np.where(np.isfinite(height[1]), height[1], 0.0))
+    assert spans.tolist() == [[0, 50, 1], [2, 50, 0], [0, 50, 1]]
+
+
+def slab_by_quadrature(start, end, way, foot, rise, drop, near, side, normal, weight):
+    """Obscurance of the line from a ray's point at row `foot` to another's at row `way`."""
+    angles = np.linspace(math.atan2(1.0, end), math.atan2(1.0, start), 20001)
+    middle, width = 0.5 * (angles[1:] + angles[:-1]), np.diff(angles)
+    ends = []
+    for c, row in ((end, way), (start, foot)):
+        across = side * row / (near + (c - drop) / rise * row)
+        ends.append(np.array([across, c * across]))
+    along = ends[1] - ends[0] if ends[1][0] > 0.0 else ends[0] - ends[1]
+    cross = ends[0][0] * along[1] - ends[0][1] * along[0]
+    distance = cross / (np.sin(middle) * along[1] - np.cos(middle) * along[0])
+    seen = np.where(distance > 0.0, weight(np.where(distance > 0.0, distance, 1e30)), 0.0)
+    cosine = normal[1] * np.cos(middle) + normal[0] * np.sin(middle)
+    return (seen * cosine * np.sin(middle) * width).sum()
 
 
 @pytest.mark.parametrize(
-    "falloff", ["quadratic", "timonen", lambda d: np.exp(-d)], ids=["quadratic", "timonen", "exp"]
+    ("falloff", "radius", "bound"),
+    [
+        ("timonen", math.inf, 1e-3),
+        ("quadratic", 6.0, 2e-4),
+        ("hard", 5.0, 1e-6),
+        (lambda d: np.exp(-d / 3.0), math.inf, 1e-3),
+    ],
+    ids=["timonen", "quadratic", "hard", "callable"],
 )
-def test_table_of_slabs_is_the_integral_along_a_line(falloff):
-    found = make_falloff(falloff, 3.0)
-    table = slab_table(found, 1e-3, 3.0)
-    values = table.values.reshape(-1, table.nodes, 4)
-    rows = table.base + np.arange(len(values)) / table.scale
-    distance = np.sqrt(rows.astype(np.int32).view(np.float32).astype(float))
-    for row, node in ((5, 20), (40, 33), (len(values) - 12, 50)):
-        v = 1.0 - 2.0 * node / (table.nodes - 1)
-        end = math.atan2(1.0 - abs(v), v)
-        psi = (np.arange(20000) + 0.5) / 20000 * end
-        weight = found.weight(distance[row] / np.sin(psi)) * end / 20000
-        expected = [(weight * f).sum() for f in (1.0, np.cos(2.0 * psi), np.sin(2.0 * psi))]
-        assert values[row, node, :3] == pytest.approx(expected, abs=1e-3)
+def test_a_slab_is_the_integral_along_its_line(falloff, radius, bound):
+    count, near, rise, side = 120, 0.2, 1000.0, 1e-3
+    draw = np.random.default_rng(0)
+    drop = draw.uniform(-0.3, 0.3, count)
+    way = draw.uniform(12.0, 300.0, count)
+    tilt = draw.uniform(-0.6, 0.6, count)
+    normal = np.sin(tilt), np.cos(tilt)
+    start = np.maximum(draw.uniform(-4.0, 1.0, count), -np.tan(tilt) + 1e-3)
+    end = start + draw.uniform(0.01, 3.0, count)
+    height = near + (end - drop) / rise * way
+    w = np.zeros(block.SIZE, dtype=np.float32)
+    for at, values in (
+        (block.TOP, start),
+        (block.SEEN, end),
+        (block.PLACE, way),
+        (block.HEIGHT, height),
+        (block.SHARE, 1.0),
+        (block.A, rise),
+        (block.B, drop),
+        (block.NEAR, near),
+        (block.SIDE, side),
+        (block.NORMAL_U, normal[0]),
+        (block.NORMAL_V, normal[1]),
+    ):
+        w[at : at + count] = values
+    found = make_falloff(falloff, radius, 4.0)
+    weights = slab_weights(found, 1e-3, 100.0)
+    slabs.add_weighted(w, count, np.float32(10.0), np.float32(0.5), True, weights, True)
+    foot = way + 0.5 * (10.0 - way)
+    for i in np.flatnonzero(height > 0.01):
+        expected = slab_by_quadrature(
+            start[i], end[i], way[i], foot[i], rise, drop[i], near, side,
+            (normal[0][i], normal[1][i]), found.weight,
+        )  # fmt: skip
+        assert w[block.CLOSED + i] == pytest.approx(expected, abs=bound)
+        assert w[block.TOP + i] == np.float32(end[i])
 
 
 @pytest.mark.parametrize("projection", ["orthographic", "perspective"])

@@ -30,6 +30,7 @@ from adret._kernels.screen.far_field_points import (
     near_samples,
     sector_means,
 )
+from adret._kernels.screen.far_field_slabs import add_plain, add_weighted
 
 SECTORS = 0
 LINES = 1
@@ -59,26 +60,6 @@ class View(NamedTuple):
     rays: NDArray[np.float64]
     perspective: bool
     jitter: NDArray[np.float32]
-
-
-class Table(NamedTuple):
-    """Integrals of slabs, for `slab`; no values: every slab weighs 1.
-
-    Attributes
-    ----------
-    values : ndarray, (rows * nodes * 4,), float32
-    nodes : int
-        Angles of a row.
-    scale : float32
-        Rows a unit of a float32's bits.
-    base : int
-        Bits of row 0.
-    """
-
-    values: NDArray[np.float32]
-    nodes: int
-    scale: np.float32
-    base: int
 
 
 @inline
@@ -112,6 +93,7 @@ def walk(row, sign, size, rows, levels, starts, plan):
 def add_intervals(
     w,
     f,
+    g,
     plan,
     found,
     lines,
@@ -126,43 +108,64 @@ def add_intervals(
     kind,
     thickness,
     lean,
-    table,
+    weights,
 ):
     """Raise the horizon by the intervals of a sector, or of a line in its middle."""
     own = -row * lines.slope - lines.first
     middle = 0.5 * (low_slope + high_slope)
     for k in range(found):
         interval, low, high = plan[k]
-        if lines.counts[interval, lines.counts.shape[1] - 1] == 0.0:
+        if lines.spans[interval, 1] == 0:
             continue
         ahead = 0.5 * (low + high - 1) - row
         if kind == SECTORS:
             a = own + 0.5 + ahead * (low_slope - lines.slope)
             b = own + 0.5 + ahead * (high_slope - lines.slope)
-            sector_means(w, f, lines, interval, min(a, b), max(a, b), first, step, count)
+            start, stop = sector_means(
+                w,
+                f,
+                g,
+                lines,
+                interval,
+                min(a, b),
+                max(a, b),
+                first,
+                step,
+                count,
+                (low - row) * sign,
+                sign,
+                ahead * sign,
+                sign * (middle - lines.slope),
+            )
+            if weights.plain:
+                add_plain(w[start:], stop - start, True)
+            else:
+                near = low - row if sign > 0 else row - high + 1
+                at = np.float32(near - 0.5)
+                add_weighted(w[start:], stop - start, at, lean, view.perspective, weights, True)
         else:
             to = own + ahead * (middle - lines.slope)
             spread = ahead * (high_slope - low_slope)
             line_points(w, lines, interval, to, spread, view.jitter[row], first, step, count)
-        start = low - row if sign > 0 else row - high + 1
-        add_points(
-            w,
-            count,
-            row,
-            sign,
-            start - 0.5,
-            ahead * sign,
-            sign * (middle - lines.slope),
-            thickness,
-            lean,
-            view.perspective,
-            table,
-        )
+            start = low - row if sign > 0 else row - high + 1
+            add_points(
+                w,
+                count,
+                row,
+                sign,
+                start - 0.5,
+                ahead * sign,
+                sign * (middle - lines.slope),
+                thickness,
+                lean,
+                view.perspective,
+                weights,
+            )
 
 
 @kernel
 def add_mipmaps(
-    w, mipmaps, ways, found, view, row, sign, slope, wedge, first, step, count, lean, table
+    w, mipmaps, ways, found, view, row, sign, slope, wedge, first, step, count, lean, weights
 ):
     """Raise the horizon by samples of the mipmaps, ever farther apart."""
     for k in range(1, found):
@@ -181,7 +184,7 @@ def add_mipmaps(
             count,
         )
         start = 0.5 * (ways[k - 1] + ways[k])
-        add_points(w, count, row, sign, start, 0.0, 0.0, np.inf, lean, view.perspective, table)
+        add_points(w, count, row, sign, start, 0.0, 0.0, np.inf, lean, view.perspective, weights)
 
 
 @parallel_kernel
@@ -189,7 +192,7 @@ def obscurance(
     view,
     lines,
     mipmaps,
-    table,
+    weights,
     frame,
     sign,
     slopes,
@@ -210,7 +213,7 @@ def obscurance(
 
     Parameters
     ----------
-    view, lines, mipmaps, table : View, Lines, Mipmaps, Table
+    view, lines, mipmaps, weights : View, Lines, Mipmaps, Weights
     frame : (4,) int64
         row0, row1, column0, column1 of the receivers.
     sign : int
@@ -238,14 +241,20 @@ def obscurance(
     rows, columns = view.near.shape
     row0, row1, column0, column1 = frame
     am, _, an, _ = view.rays
-    plain = len(table.values) == 0
+    plain = weights.plain
     reach = np.float32(per_radius)
     slant = np.float32(lean)
     level = np.float32(1.0 if lean > 0.0 else 0.0)
     for row in prange(row0, row1):
+        mine = third < 0 or row % 3 == third // 3
+        if not near_field and not mine:
+            continue
+        apart = 1 if third < 0 or near_field else 3
+        begin_at = column0 if apart == 1 else column0 + (third - column0) % 3
         w = np.zeros(SIZE, dtype=np.float32)
-        thinned = np.zeros(SIZE, dtype=np.float32)
-        f = np.empty(6 * LANES)
+        thinned = np.zeros(SIZE if third >= 0 and near_field else 0, dtype=np.float32)
+        f = np.empty((2, LANES))
+        g = np.empty((8, LANES), dtype=np.int32)
         plan = np.empty((MOST, 3), dtype=np.int64)
         ways = np.empty(MOST)
         n = begin(row, sign, lines.size) * lines.size
@@ -255,10 +264,19 @@ def obscurance(
             found = ways_of(last, rows + columns, ways)
         else:
             found = walk(row, sign, lines.size, rows, len(lines.starts), lines.starts, plan)
-        for first in range(column0, column1, LANES):
-            count = min(LANES, column1 - first)
+        for first in range(begin_at, column1, apart * LANES):
+            count = min(LANES, (column1 - first + apart - 1) // apart)
             major = load(
-                w, view.near, view.normal, view.rays, view.perspective, level, row, first, count
+                w,
+                view.near,
+                view.normal,
+                view.rays,
+                view.perspective,
+                level,
+                row,
+                first,
+                apart,
+                count,
             )
             for s in range(len(wedges)):
                 slope = 0.5 * (slopes[s] + slopes[s + 1])
@@ -276,15 +294,12 @@ def obscurance(
                 )
                 if near_field:
                     near_samples(
-                        w, count, view, row, first, sign, slope, last, thickness, slant, table
+                        w, count, view, row, first, sign, slope, last, thickness, slant, weights
                     )
-                block, start, step, number = w, first, 1, count
-                if third >= 0:
-                    if near_field:
-                        finish(
-                            w, count, plain, 1, closed_near[row, first:], whole_near[row, first:]
-                        )
-                    if row % 3 != third // 3:
+                block, start, step, number = w, first, apart, count
+                if third >= 0 and near_field:
+                    finish(w, count, plain, 1, closed_near[row, first:], whole_near[row, first:])
+                    if not mine:
                         continue
                     lead = (third - first) % 3
                     block, start, step = thinned, first + lead, 3
@@ -307,12 +322,13 @@ def obscurance(
                         step,
                         number,
                         slant,
-                        table,
+                        weights,
                     )
                 else:
                     add_intervals(
                         block,
                         f,
+                        g,
                         plan,
                         found,
                         lines,
@@ -327,7 +343,7 @@ def obscurance(
                         kind,
                         thickness,
                         slant,
-                        table,
+                        weights,
                     )
                 finish(block, number, plain, step, closed[row, start:], whole[row, start:])
                 leave(

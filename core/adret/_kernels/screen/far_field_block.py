@@ -22,7 +22,7 @@ SPREAD = 3 * LANES  # depth (perspective) or 1
 NORMAL_A = 4 * LANES  # along the major axis
 NORMAL_B = 5 * LANES  # along the minor axis
 NORMAL_V = 6 * LANES  # along the view ray
-RISE = 28 * LANES  # nearness that the tangent plane gains a column
+RISE = 23 * LANES  # nearness that the tangent plane gains a column
 # Of the direction:
 A = 7 * LANES
 B = 8 * LANES
@@ -35,54 +35,64 @@ START = 13 * LANES  # c where the part at hand began
 TOP = 14 * LANES  # c
 CLOSED = 15 * LANES  # obscurance below it
 # A point of each receiver:
-HEIGHT = 16 * LANES  # nearness
-PLACE = 17 * LANES  # row, then rows away
-SHARE = 18 * LANES  # of the sector that it stands for
+HEIGHT = 17 * LANES  # nearness
+PLACE = 18 * LANES  # row, then rows away
+SHARE = 19 * LANES  # of the sector that it stands for
 SEEN = 20 * LANES  # c
 FROM = 21 * LANES  # c from which on its slab is seen
-# Its slab in the table:
-LIST = 22 * LANES
-Y = 23 * LANES
-X0 = 24 * LANES
-X1 = 25 * LANES
-COSINE = 26 * LANES
-SINE = 27 * LANES
-ASIDE = 29 * LANES  # columns between a point and the direction's ray
-SIZE = 30 * LANES
+ASIDE = 22 * LANES  # columns between a point and the direction's ray
+LIST = 24 * LANES  # receivers whose point raises the horizon
+SCRATCH = 25 * LANES
+SIZE = 43 * LANES
 
 ZERO = np.float32(0.0)
 HALF = np.float32(0.5)
 ONE = np.float32(1.0)
-TWO = np.float32(2.0)
 HUGE = np.float32(1e18)
 TINY = np.float32(1e-18)
 ROUNDING = np.float32(2.0**-21)
 
 
+@inline
+def below(c, nu, nv):
+    """Cosine-weighted part of a slice between the plane across the view ray and cotangent c."""
+    s = ONE / (ONE + c * c)
+    return HALF * (nv * (ONE - s) + nu * (c * s + atan_slope(c)))
+
+
 @kernel
-def load(w, near, normal, rays, perspective, level, row, first, count):
-    """Set the receivers: `count` columns of a row from `first` on; returns their major component.
+def load(w, near, normal, rays, perspective, level, row, first, step, count):
+    """Set the receivers: `count` columns of a row, `step` apart; returns their major component.
 
     `rays` are am, bm, an, bn: a pixel's view ray is (am row + bm, an column + bn, -1).
     """
     am, bm, an, bn = rays
     major = np.float32(am * row + bm) if perspective else ZERO
-    q = near[row, first : first + count]
-    na = normal[0, row, first : first + count]
-    nb = normal[1, row, first : first + count]
-    nc = normal[2, row, first : first + count]
+    last = first + step * (count - 1) + 1
+    q = near[row, first:last]
+    na = normal[0, row, first:last]
+    nb = normal[1, row, first:last]
+    nc = normal[2, row, first:last]
     for i in range(count):
-        minor = np.float32(an * (first + i) + bn) if perspective else ZERO
+        w[NEAR + i] = q[step * i]
+        w[NORMAL_A + i] = na[step * i]
+        w[NORMAL_B + i] = nb[step * i]
+        w[NORMAL_V + i] = nc[step * i]
+    per = np.float32(an * step)
+    begin = np.float32(an * first + bn)
+    tilt = level * np.float32(-an)
+    for i in range(count):
+        minor = begin + per * np.float32(i) if perspective else ZERO
+        height = w[NEAR + i]
         length = np.sqrt(ONE + major * major + minor * minor)
-        w[NEAR + i] = q[i] + abs(q[i]) * ROUNDING
+        spread = ONE / height if perspective else ONE
+        nv = (w[NORMAL_V + i] - w[NORMAL_A + i] * major - w[NORMAL_B + i] * minor) / length
+        w[NEAR + i] = height + abs(height) * ROUNDING
         w[MINOR + i] = minor
         w[LENGTH + i] = length
-        w[SPREAD + i] = ONE / q[i] if perspective else ONE
-        w[NORMAL_A + i] = na[i]
-        w[NORMAL_B + i] = nb[i]
-        nv = (nc[i] - na[i] * major - nb[i] * minor) / length
+        w[SPREAD + i] = spread
         w[NORMAL_V + i] = nv
-        w[RISE + i] = level * np.float32(-an) * nb[i] / (nv * length * w[SPREAD + i])
+        w[RISE + i] = tilt * w[NORMAL_B + i] / (nv * length * spread)
     return major
 
 
@@ -124,13 +134,6 @@ def thin(w, thinned, first, count):
     return found
 
 
-@inline
-def below(c, nu, nv):
-    """Cosine-weighted part of a slice between the plane across the view ray and cotangent c."""
-    s = ONE / (ONE + c * c)
-    return HALF * (nv * (ONE - s) + nu * (c * s + atan_slope(c)))
-
-
 @kernel
 def finish(w, count, plain, step, closed, whole):
     """Add what the block found, and what there is, to every `step`-th of two rows."""
@@ -140,8 +143,11 @@ def finish(w, count, plain, step, closed, whole):
         done = w[CLOSED + i]
         if plain:
             done += below(w[TOP + i], nu, nv) - below(w[START + i], nu, nv)
-        closed[step * i] += turn * done
-        whole[step * i] += turn * (HALF * (nv + nu * HALF_PI) - below(w[FLAT + i], nu, nv))
+        w[SEEN + i] = turn * done
+        w[FROM + i] = turn * (HALF * (nv + nu * HALF_PI) - below(w[FLAT + i], nu, nv))
+    for i in range(count):
+        closed[step * i] += w[SEEN + i]
+        whole[step * i] += w[FROM + i]
 
 
 @kernel
@@ -152,15 +158,17 @@ def leave(w, count, step, first, border, slope, columns, per_radius, unknown):
     `slope` a row; `first` is the first receiver's column. Where a ray leaves, one over its distance
     from the view ray is e0 + e1 c, so distances below the radius are an interval of angles.
     """
-    speed = abs(slope)
+    per = np.float32(1.0 / max(abs(slope), 1e-12))
+    here = np.float32(columns - 1 - first if slope > 0.0 else first) * per
+    ahead = np.float32(-step if slope > 0.0 else step) * per
+    most = np.float32(border)
     for i in range(count):
-        column = first + step * i
-        ahead = np.float32(columns - 1 - column if slope > 0.0 else column)
-        rows = np.float32(border)
-        rows = ahead / speed if ahead < rows * speed else rows
+        rows = here + ahead * np.float32(i)
+        rows = rows if rows < most else most
         rows = TINY if rows < TINY else rows
-        e1 = ONE / (w[A + i] * w[SIDE + i])
-        e0 = w[NEAR + i] / (w[SIDE + i] * rows) - w[B + i] * e1
+        side = w[SIDE + i]
+        e1 = ONE / (w[A + i] * side)
+        e0 = w[NEAR + i] / (side * rows) - w[B + i] * e1
         size = np.sqrt(e0 * e0 + e1 * e1)
         cosine = per_radius / size
         sine = np.sqrt(ONE - cosine * cosine) if cosine < ONE else ZERO
@@ -168,9 +176,13 @@ def leave(w, count, step, first, border, slope, columns, per_radius, unknown):
         low_sine = e0 * cosine + e1 * sine
         low = (e1 * cosine - e0 * sine) / low_sine
         high_sine = e0 * cosine - e1 * sine
-        high = (e1 * cosine + e0 * sine) / high_sine if high_sine > ZERO else HUGE
+        high = (e1 * cosine + e0 * sine) / high_sine
+        high = high if high_sine > ZERO else HUGE
         low = low if low > w[TOP + i] else w[TOP + i]
         nu, nv = w[NORMAL_U + i], w[NORMAL_V + i]
-        lost = below(high, nu, nv) - below(low, nu, nv)
-        found = cosine < ONE and low_sine > ZERO and high > low
-        unknown[step * i] += w[TURN + i] * lost if found else ZERO
+        lost = w[TURN + i] * (below(high, nu, nv) - below(low, nu, nv))
+        lost = lost if cosine < ONE else ZERO
+        lost = lost if low_sine > ZERO else ZERO
+        w[SEEN + i] = lost if high > low else ZERO
+    for i in range(count):
+        unknown[step * i] += w[SEEN + i]

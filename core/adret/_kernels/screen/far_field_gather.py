@@ -2,11 +2,35 @@
 
 import numpy as np
 
-from adret._kernels.jit import parallel_kernel, prange
+from adret._kernels.jit import kernel, parallel_kernel, prange
 from adret._kernels.screen.noise import uniform
 
-NORMAL_LIMIT = 0.5
-DEPTH_LIMIT = 0.03
+NORMAL_LIMIT = np.float32(0.5)
+DEPTH_LIMIT = np.float32(0.03)
+ZERO = np.float32(0.0)
+ONE = np.float32(1.0)
+
+
+@kernel
+def mark_like(a, b, c, other_a, other_b, other_c, like):
+    """1 where two normals are less than 60° apart, else 0."""
+    for x in range(len(like)):
+        along = a[x] * other_a[x] + b[x] * other_b[x] + c[x] * other_c[x]
+        like[x] = ONE if along > NORMAL_LIMIT else ZERO
+
+
+@kernel
+def keep_near(z, other, like):
+    """0 where two depths differ by more than the limit, else what was there."""
+    for x in range(len(like)):
+        like[x] = like[x] if abs(other[x] - z[x]) < DEPTH_LIMIT * z[x] else ZERO
+
+
+@kernel
+def add_where(values, like, total):
+    """Add what is of like surface."""
+    for x in range(len(total)):
+        total[x] += values[x] if like[x] > ZERO else ZERO
 
 
 @parallel_kernel
@@ -20,31 +44,39 @@ def gather(
     image, the outputs of the frame.
     """
     row0, row1, column0, column1 = frame
+    width = column1 - column0
     for row in prange(row0, row1):
-        for column in range(column0, column1):
-            z = depth[row, column]
-            far = 0.0
-            most = 0.0
-            lost = 0.0
-            for k in range(9):
-                r = row + k // 3 - 1
-                c = column + k % 3 - 1
-                if not (row0 <= r < row1 and column0 <= c < column1):
-                    continue
-                along = (
-                    normal[0, r, c] * normal[0, row, column]
-                    + normal[1, r, c] * normal[1, row, column]
-                    + normal[2, r, c] * normal[2, row, column]
-                )
-                if along > NORMAL_LIMIT and abs(depth[r, c] - z) < DEPTH_LIMIT * z:
-                    far += closed[r, c]
-                    most += whole[r, c]
-                    lost += unknown[r, c]
-            value = far / most
-            if whole_near[row, column] > 0.0:
-                value += closed_near[row, column] / whole_near[row, column]
-            occlusion[row - row0, column - column0] = value
-            confidence[row - row0, column - column0] = 1.0 - lost / most
+        like = np.empty(width, dtype=np.float32)
+        sums = np.zeros((3, width), dtype=np.float32)
+        for k in range(9):
+            r = row + k // 3 - 1
+            side = k % 3 - 1
+            if not row0 <= r < row1:
+                continue
+            start = max(0, -side)
+            stop = width - max(0, side)
+            here = slice(column0 + start, column0 + stop)
+            there = slice(column0 + start + side, column0 + stop + side)
+            mark_like(
+                normal[0, row, here],
+                normal[1, row, here],
+                normal[2, row, here],
+                normal[0, r, there],
+                normal[1, r, there],
+                normal[2, r, there],
+                like[start:stop],
+            )
+            keep_near(depth[row, here], depth[r, there], like[start:stop])
+            add_where(closed[r, there], like[start:stop], sums[0, start:stop])
+            add_where(whole[r, there], like[start:stop], sums[1, start:stop])
+            add_where(unknown[r, there], like[start:stop], sums[2, start:stop])
+        frame_row = row - row0
+        for x in range(width):
+            near = whole_near[row, column0 + x]
+            value = sums[0, x] / sums[1, x]
+            value += closed_near[row, column0 + x] / near if near > ZERO else ZERO
+            occlusion[frame_row, x] = value
+            confidence[frame_row, x] = ONE - sums[2, x] / sums[1, x]
 
 
 @parallel_kernel

@@ -6,7 +6,7 @@ level v spans ``size 2^v`` rows from row ``n size 2^v`` on. Nearness (1/z or -z)
 image of a plane, so the mean of points of a plane lies in the plane.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,20 @@ class Lines(NamedTuple):
         Row of the arrays at which a level begins.
     height, place : ndarray, (intervals, lines), float32
         Nearness of each interval's peak, and its row; -inf where an interval has no surface.
-    heights, places, counts : ndarray, (intervals, lines + 1), float64
-        Their prefix sums, and those of the number of intervals that have a surface.
+    heights : ndarray, (intervals, phases, n), float64
+        Prefix sums of heights: the sum over lines below l is at ``[l % phases, l // phases]``, so
+        that receivers `phases` columns apart read what lies side by side.
+    places : the same, int32
+        Prefix sums of rows from the interval's first row on, in parts of a row. They may wrap round
+        at 2^32: differences are right all the same.
+    counts : the same, int32
+        Prefix sums of the number of lines that show a surface.
+    tops : the same, float32
+        Heights, 0 where there is no surface.
+    spans : ndarray, (intervals, 3), int64
+        First and last line + 1 that show a surface, and whether all between them do.
+    per_row : int
+        Parts of a row in `places`.
     """
 
     slope: float
@@ -42,8 +54,11 @@ class Lines(NamedTuple):
     height: NDArray[np.float32]
     place: NDArray[np.float32]
     heights: NDArray[np.float64]
-    places: NDArray[np.float64]
-    counts: NDArray[np.float64]
+    places: NDArray[np.int32]
+    counts: NDArray[np.int32]
+    tops: NDArray[np.float32]
+    spans: NDArray[np.int64]
+    per_row: int
 
 
 @inline
@@ -154,23 +169,54 @@ def to_rows(height, place, fall):
 
 
 @parallel_kernel
-def sum_lines(height, place, heights, places, counts):
+def sum_lines(height, place, first_rows, per_row, heights, places, counts, tops, spans):
     """Prefix sums over the lines of each interval, of those that show a surface.
 
-    Outputs are float64 of one line more: entry l is the sum over lines below l.
+    Parameters
+    ----------
+    height, place : (intervals, lines) float32
+    first_rows : (intervals,) int64
+        First row of each interval.
+    per_row : int
+        Parts of a row in `places`.
+    heights, places, counts, tops, spans
+        Outputs, see `Lines`.
     """
+    phases = heights.shape[1]
+    lines = height.shape[1]
     for n in prange(height.shape[0]):
         a = 0.0
-        b = 0.0
-        c = 0.0
-        heights[n, 0] = a
-        places[n, 0] = b
-        counts[n, 0] = c
-        for x in range(height.shape[1]):
-            if height[n, x] > -np.inf:
+        b = 0
+        c = 0
+        begin = lines
+        end = 0
+        for x in range(lines + 1):
+            phase, at = x % phases, x // phases
+            heights[n, phase, at] = a
+            places[n, phase, at] = b
+            counts[n, phase, at] = c
+            if x < lines and height[n, x] > -np.inf:
+                tops[n, phase, at] = height[n, x]
                 a += height[n, x]
-                b += place[n, x]
-                c += 1.0
-            heights[n, x + 1] = a
-            places[n, x + 1] = b
-            counts[n, x + 1] = c
+                away = place[n, x] - np.float32(first_rows[n])
+                b += np.int64(np.float32(per_row) * away + HALF)
+                c += 1
+                begin = min(begin, x)
+                end = x + 1
+            else:
+                tops[n, phase, at] = ZERO
+        spans[n, 0] = begin
+        spans[n, 1] = end
+        spans[n, 2] = 1 if c == end - begin else 0
+
+
+def empty_sums(intervals: int, phases: int, lines: int) -> tuple[Any, Any, Any, Any, Any]:
+    """Room for the outputs of `sum_lines`."""
+    shape = (intervals, phases, lines // phases + 1)
+    return (
+        np.zeros(shape),
+        np.zeros(shape, dtype=np.int32),
+        np.zeros(shape, dtype=np.int32),
+        np.zeros(shape, dtype=np.float32),
+        np.empty((intervals, 3), dtype=np.int64),
+    )

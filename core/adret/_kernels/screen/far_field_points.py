@@ -12,6 +12,7 @@ from adret._kernels.screen.far_field_block import (
     ONE,
     PLACE,
     RISE,
+    SCRATCH,
     SEEN,
     SHARE,
     TOP,
@@ -22,7 +23,8 @@ from adret._kernels.screen.far_field_block import (
 from adret._kernels.screen.far_field_lines import between, shift_of
 from adret._kernels.screen.far_field_slabs import add_plain, add_weighted
 
-SCARCE = 1e-3
+NOTHING = np.float32(-1e30)
+SCARCE = np.float32(1e-3)
 """Share of a sector below which its mean is all rounding."""
 
 
@@ -33,12 +35,12 @@ def foot_of(height, thickness, perspective):
 
 
 @kernel
-def near_samples(w, count, view, row, first, sign, slope, last, thickness, lean, table):
+def near_samples(w, count, view, row, first, sign, slope, last, thickness, lean, weights):
     """Raise the horizon by the surface on the rows up to `last` away, along one line each."""
     near = view.near
     perspective = view.perspective
     rows, columns = near.shape
-    plain = len(table.values) == 0
+    plain = weights.plain
     thick = thickness == np.inf
     t = np.float32(thickness)
     for k in range(1, last + 1):
@@ -74,57 +76,117 @@ def near_samples(w, count, view, row, first, sign, slope, last, thickness, lean,
         if plain:
             add_plain(v, stop - start, thick)
         else:
-            add_weighted(v, stop - start, np.float32(k - 1), lean, perspective, table)
+            add_weighted(v, stop - start, np.float32(k - 1), lean, perspective, weights, thick)
 
 
 @kernel
-def border(sums, f, at, first, step, count):
-    """Fill f with a row of prefix sums at lines ``at + first + step i``."""
-    lines = len(sums) - 1
-    whole = int(np.floor(at))
-    share = at - whole
-    k = whole + first
-    start = min(max(0, -(k // step)), count)  # k + step i >= 0
-    stop = max(min(count, (lines - 1 - k) // step + 1), start)
-    for i in range(start):
-        f[i] = 0.0
-    if step == 1:
-        a = sums[k + start : k + stop]
-        b = sums[k + start + 1 : k + stop + 1]
-        g = f[start:stop]
-        for i in range(stop - start):
-            g[i] = a[i] + share * (b[i] - a[i])
-    else:
-        for i in range(start, stop):
-            a1 = sums[k + step * i]
-            f[i] = a1 + share * (sums[k + step * i + 1] - a1)
-    for i in range(stop, count):
-        f[i] = sums[lines]
+def read_sums(sums, line, step, start, stop, level, f):
+    """A row of prefix sums at lines ``line + step i``; at `level` instead where it is >= 0.
 
-
-@kernel
-def sector_means(w, f, lines, row, low, high, first, step, count):
-    """Mean points of an interval between two lines, counted from each receiver's column.
-
-    Row `row` of the prefix sums; receiver i looks from column ``first + step i``.
+    Returns a view of `stop - start` numbers, as long as `sums` has phases of `step`.
     """
-    n = LANES
-    border(lines.heights[row], f[0:n], low, first, step, count)
-    border(lines.heights[row], f[n : 2 * n], high, first, step, count)
-    border(lines.places[row], f[2 * n : 3 * n], low, first, step, count)
-    border(lines.places[row], f[3 * n : 4 * n], high, first, step, count)
-    border(lines.counts[row], f[4 * n : 5 * n], low, first, step, count)
-    border(lines.counts[row], f[5 * n : 6 * n], high, first, step, count)
-    per_width = 1.0 / (high - low)
-    for i in range(count):
-        number = f[5 * LANES + i] - f[4 * LANES + i]
-        share = number * per_width
-        per = 1.0 / number
-        per = np.nan if share < SCARCE else per
-        w[HEIGHT + i] = np.float32((f[LANES + i] - f[i]) * per)
-        w[PLACE + i] = np.float32((f[3 * LANES + i] - f[2 * LANES + i]) * per)
-        w[SHARE + i] = np.float32(share)
-        w[ASIDE + i] = ZERO
+    if level < 0:
+        at = line + step * start
+        phase, k = at % step, at // step
+        return sums[phase, k : k + stop - start]
+    f[: stop - start] = sums[level % step, level // step]
+    return f[: stop - start]
+
+
+@inline
+def whole_number(difference):
+    """A difference of int32, which Numba takes for int64, as float32."""
+    return np.float32(np.int32(difference))
+
+
+@kernel
+def sector_means(
+    w, f, g, lines, interval, low, high, first, step, count, base, facing, middle, drift
+):
+    """Points of an interval, means between two lines that are counted from each receiver's column.
+
+    Receiver i looks from column ``first + step i``; `base` is the way to the interval's first row.
+    Returns the first and the last receiver + 1 whose sector meets lines that show a surface; of
+    these, SEEN, HEIGHT, PLACE (rows away) and SHARE are set.
+    """
+    begin, end, full = lines.spans[interval]
+    lower = int(np.floor(low))
+    upper = int(np.floor(high))
+    s0 = np.float32(low - lower)
+    s1 = np.float32(high - upper)
+    lower += first
+    upper += first
+    start = min(max(0, -((upper - begin) // step)), count)  # upper + step i >= begin
+    stop = max(min(count, (end - 1 - lower) // step + 1), start)  # lower + step i < end
+    inner = min(max(start, -((lower - begin) // step)), stop)  # lower + step i >= begin
+    outer = max(min(stop, (end - 1 - upper) // step + 1), start)  # upper + step i < end
+    wide = np.float32(high - low)
+    per_width = ONE / wide
+    per_row = np.float32(facing / lines.per_row)
+    nearest = np.float32(base)
+    at_middle = np.float32(middle)
+    aside = np.float32(drift)
+    heights, places = lines.heights[interval], lines.places[interval]
+    counts, tops = lines.counts[interval], lines.tops[interval]
+    for piece in range(3):
+        a = start if piece == 0 else min(inner, outer) if piece == 1 else max(inner, outer)
+        b = min(inner, outer) if piece == 0 else max(inner, outer) if piece == 1 else stop
+        n = b - a
+        if n <= 0:
+            continue
+        before = begin if a < inner else -1
+        after = end if a >= outer else -1
+        h0 = read_sums(heights, lower, step, a, b, before, f[0])
+        h1 = read_sums(heights, upper, step, a, b, after, f[1])
+        p0 = read_sums(places, lower, step, a, b, before, g[0])
+        p1 = read_sums(places, upper, step, a, b, after, g[1])
+        q0 = read_sums(places, lower + 1, step, a, b, before, g[2])
+        q1 = read_sums(places, upper + 1, step, a, b, after, g[3])
+        t0 = s0 if before < 0 else ZERO
+        t1 = s1 if after < 0 else ZERO
+        e0 = read_sums(tops, lower, step, a, b, -1 if before < 0 else begin, w[SCRATCH:])
+        e1 = read_sums(tops, upper, step, a, b, -1 if after < 0 else begin, w[SCRATCH + LANES :])
+        v = w[a:]
+        # Few arrays a loop: with more, aliasing is not ruled out and nothing vectorises.
+        for i in range(n):
+            v[HEIGHT + i] = np.float32(h1[i] - h0[i]) + (t1 * e1[i] - t0 * e0[i])
+        for i in range(n):
+            rows = whole_number(p1[i] - p0[i])
+            v[PLACE + i] = (
+                rows + t1 * whole_number(q1[i] - p1[i]) - t0 * whole_number(q0[i] - p0[i])
+            )
+        if full and before < 0 and after < 0:
+            for i in range(n):
+                height = v[HEIGHT + i] * per_width
+                away = nearest + per_row * (v[PLACE + i] * per_width)
+                under = v[NEAR + i] + v[RISE + i] * ((at_middle - away) * aside)
+                v[SEEN + i] = v[A + i] * (height - under) / away + v[B + i]
+                v[HEIGHT + i] = height
+                v[PLACE + i] = away
+                v[SHARE + i] = ONE
+            continue
+        c0 = read_sums(counts, lower, step, a, b, before, g[4])
+        c1 = read_sums(counts, upper, step, a, b, after, g[5])
+        d0 = read_sums(counts, lower + 1, step, a, b, before, g[6])
+        d1 = read_sums(counts, upper + 1, step, a, b, after, g[7])
+        for i in range(n):
+            number = whole_number(c1[i] - c0[i])
+            v[SHARE + i] = (
+                number + t1 * whole_number(d1[i] - c1[i]) - t0 * whole_number(d0[i] - c0[i])
+            )
+        for i in range(n):
+            number = v[SHARE + i]
+            share = number * per_width
+            per = ONE / number
+            height = v[HEIGHT + i] * per
+            away = nearest + per_row * (v[PLACE + i] * per)
+            under = v[NEAR + i] + v[RISE + i] * ((at_middle - away) * aside)
+            seen = v[A + i] * (height - under) / away + v[B + i]
+            v[SEEN + i] = seen if share > SCARCE else NOTHING
+            v[HEIGHT + i] = height
+            v[PLACE + i] = away
+            v[SHARE + i] = share
+    return start, stop
 
 
 @kernel
@@ -145,7 +207,7 @@ def line_points(w, lines, row, middle, spread, jitter, first, step, count):
 
 
 @kernel
-def add_points(w, count, row, sign, start, ahead, skew, thickness, lean, perspective, table):
+def add_points(w, count, row, sign, start, ahead, skew, thickness, lean, perspective, weights):
     """Raise the horizon by points whose interval begins `start` rows away."""
     here = np.float32(row)
     facing = np.float32(sign)
@@ -164,7 +226,7 @@ def add_points(w, count, row, sign, start, ahead, skew, thickness, lean, perspec
             bottom = foot_of(w[HEIGHT + i], t, perspective)
             foot = w[A + i] * (bottom - under) * per + w[B + i]
             w[FROM + i] = foot if foot > w[TOP + i] else w[TOP + i]
-    if len(table.values) == 0:
+    if weights.plain:
         add_plain(w, count, thick)
     else:
-        add_weighted(w, count, np.float32(start), lean, perspective, table)
+        add_weighted(w, count, np.float32(start), lean, perspective, weights, thick)

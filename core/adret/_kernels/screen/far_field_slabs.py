@@ -1,116 +1,105 @@
-"""The obscurance estimator (P4, equation 3): slabs of a horizon, from a table of their integrals.
+"""The obscurance estimator (P4, equation 3): slabs of a horizon, for any falloff.
 
 A slab is a straight line of the slice, between the horizon so far (cotangent c0) and a point that
 raises it (c1 > c0). The obscurance that it adds is the integral over the angle θ from the view ray
-of W(d) (n·ω) sin θ, d being the way to the line. With b the line's distance from the receiver, γ
-its angle from the view ray and ψ = θ - γ, d is b / sin ψ, and cosine and sine of θ are those of ψ
-turned by γ. So L(a, b, c, d) of P4 is the product of three integrals over ψ, which depend on ψ and
-b alone, with numbers that depend on γ and the normal alone: exact in c and d, where P4 picks the
-nearest of the tabulated normals.
+of W(d) (n·ω) sin θ, d being the way to the line. Without W it has a closed form, `below`. One over
+the line's distance from the view ray is e = α + β c, so d² is (1 + c²) / e². The closed form
+is multiplied by the mean of W over the part nearer than the radius, of three nodes weighted by
+their cosine: no table of integrals, exact where W is 1.
 """
 
-import numpy as np
+from typing import NamedTuple
 
-from adret._kernels.jit import greater, index, inline, kernel
+import numpy as np
+from numpy.typing import NDArray
+
+from adret._kernels.jit import greater, inline, kernel
 from adret._kernels.screen.far_field_block import (
     CLOSED,
-    COSINE,
     FROM,
-    HALF,
     HEIGHT,
+    LANES,
     LIST,
     NEAR,
     NORMAL_U,
     NORMAL_V,
     ONE,
     PLACE,
+    SCRATCH,
     SEEN,
     SHARE,
     SIDE,
-    SINE,
     TOP,
-    TWO,
-    X0,
-    X1,
     ZERO,
     A,
     B,
-    Y,
     below,
 )
 
 WHOLE_SHARE = np.float32(1.0 - 1e-5)
+HUGE = np.float32(1e18)
+# Of the points that raise the horizon, side by side:
+C0 = SCRATCH + 0 * LANES  # where the slab begins, then where its part within the radius does
+C1 = SCRATCH + 1 * LANES  # where it ends
+END = SCRATCH + 2 * LANES  # where its part within the radius does
+AWAY = SCRATCH + 3 * LANES
+HIGH = SCRATCH + 4 * LANES  # nearness of the point
+PART = SCRATCH + 5 * LANES  # share of the sector
+PER_A = SCRATCH + 6 * LANES  # A, then α
+OFFSET = SCRATCH + 7 * LANES  # B, then β
+OWN = SCRATCH + 8 * LANES  # nearness of the receiver
+WIDE = SCRATCH + 9 * LANES  # SIDE
+NU = SCRATCH + 10 * LANES
+NV = SCRATCH + 11 * LANES
+OLD = SCRATCH + 12 * LANES  # the horizon so far
+# Its nodes:
+X_FIRST = SCRATCH + 3 * LANES  # what AWAY, HIGH and the like held is done with
+Y_FIRST = SCRATCH + 4 * LANES
+X_MIDDLE = SCRATCH + 8 * LANES
+Y_MIDDLE = SCRATCH + 9 * LANES
+X_LAST = SCRATCH + 13 * LANES
+Y_LAST = SCRATCH + 14 * LANES
+W_FIRST = SCRATCH + 15 * LANES
+W_MIDDLE = SCRATCH + 16 * LANES
+W_LAST = SCRATCH + 17 * LANES
+NODES = (
+    (X_FIRST, Y_FIRST, W_FIRST),
+    (X_MIDDLE, Y_MIDDLE, W_MIDDLE),
+    (X_LAST, Y_LAST, W_LAST),
+)
+ASIDE_SHARE = np.float32(0.35)  # of the middle ray in those beside it
+OUTER = np.float32(8.0 / 27.0)  # exact for parabolas over nodes at 1/8, 1/2 and 7/8
+INNER = np.float32(11.0 / 27.0)
+
+
+class Weights(NamedTuple):
+    """A falloff W(d), 0 from the radius on.
+
+    Attributes
+    ----------
+    plain : bool
+        Whether W is 1 at any distance.
+    radius : float32
+    formula : ndarray, (4,), float32
+        a, b, c, e of W = (a + b d²) / (c + e d²); used where there are no values.
+    values : ndarray, float32
+        W at the squared distances whose float32's bits are `base` plus multiples of 1/`scale`.
+    scale : float32
+    base : int32
+    """
+
+    plain: bool
+    radius: np.float32
+    formula: NDArray[np.float32]
+    values: NDArray[np.float32]
+    scale: np.float32
+    base: np.int32
 
 
 @inline
 def bits(x):
     """The bits of a float32: linear in it between powers of 2, so nearly its logarithm."""
     return np.float32(x).view(np.int32)
-
-
-@inline
-def set_slab(w, i, start, lean, perspective, scale, base, last, half):
-    """Where the slab of receiver i's point lies in the table.
-
-    The slab meets the horizon's ray at the point's row (`lean` 0: it runs away from the eye) or
-    nearer, as far as the row `start` where the point's interval begins (1).
-    """
-    c0 = w[FROM + i]
-    c1 = w[SEEN + i]
-    away = w[PLACE + i]
-    foot = away + lean * (start - away)
-    side = w[SIDE + i]
-    # One over the distance from the view ray, where the rays of c1 and of c0 meet the line: linear
-    # in c between them. Below 0: the ray and the line part.
-    e1 = ONE / (side * away)
-    e0 = ONE / (side * foot)
-    if perspective:
-        e1 *= w[HEIGHT + i]
-        e0 *= w[NEAR + i] + (c0 - w[B + i]) / w[A + i] * foot
-    beta = (e1 - e0) / (c1 - c0)
-    alpha = e1 - beta * c1
-    b2 = ONE / (alpha * alpha + beta * beta)
-    double_cosine = (alpha * alpha - beta * beta) * b2
-    double_sine = -TWO * alpha * beta * b2
-    k1 = c1 * alpha - beta
-    k0 = c0 * alpha - beta
-    s1 = e1 if e1 > ZERO else ZERO
-    s0 = e0 if e0 > ZERO else ZERO
-    y = np.float32(bits(b2) - base) * scale
-    y = y if y > ZERO else ZERO
-    w[Y + i] = y if y < last else last
-    w[X1 + i] = half * (ONE - k1 / (abs(k1) + s1))
-    w[X0 + i] = half * (ONE - k0 / (abs(k0) + s0))
-    nu, nv = w[NORMAL_U + i], w[NORMAL_V + i]
-    w[COSINE + i] = nv * double_sine - nu * double_cosine
-    w[SINE + i] = nu * double_sine + nv * double_cosine
-
-
-@kernel
-def slab(values, nodes, w, i):
-    """Obscurance of the slab of receiver i's point."""
-    y, x0, x1 = w[Y + i], w[X0 + i], w[X1 + i]
-    row = int(y)
-    n0 = int(x0)
-    n1 = int(x1)
-    fy = y - np.float32(row)
-    f0 = x0 - np.float32(n0)
-    f1 = x1 - np.float32(n1)
-    g = ONE - fy
-    a0, a1, a2, a3 = g * (ONE - f0), g * f0, fy * (ONE - f0), fy * f0
-    b0, b1, b2, b3 = g * (ONE - f1), g * f1, fy * (ONE - f1), fy * f1
-    s = 4 * nodes
-    p = 4 * (row * nodes + n0)
-    q = 4 * (row * nodes + n1)
-    t = values[p : p + s + 8]
-    u = values[q : q + s + 8]
-    whole = a0 * t[0] + a1 * t[4] + a2 * t[s] + a3 * t[s + 4]
-    cosine = a0 * t[1] + a1 * t[5] + a2 * t[s + 1] + a3 * t[s + 5]
-    sine = a0 * t[2] + a1 * t[6] + a2 * t[s + 2] + a3 * t[s + 6]
-    whole -= b0 * u[0] + b1 * u[4] + b2 * u[s] + b3 * u[s + 4]
-    cosine -= b0 * u[1] + b1 * u[5] + b2 * u[s + 1] + b3 * u[s + 5]
-    sine -= b0 * u[2] + b1 * u[6] + b2 * u[s + 2] + b3 * u[s + 6]
-    return HALF * (w[NORMAL_U + i] * whole + w[COSINE + i] * cosine + w[SINE + i] * sine)
 
 
 @inline
@@ -121,30 +110,193 @@ def blend(share, c, top):
     return (p * c + q * top) / (p + q)
 
 
+@inline
+def receiver(w, m):
+    """The m-th receiver of the list; no index below 0, so nothing wraps round."""
+    return np.int64(w[LIST + m]) & 255
+
+
 @kernel
-def add_weighted(w, count, start, lean, perspective, table):
-    """Raise the horizon by the points that are above it, weighted by a falloff's table."""
-    values, nodes, scale, base = table
-    half = np.float32(0.5 * (nodes - 1.01))
-    last = np.float32(len(values) // (4 * nodes) - 1.01)
+def pick(w, count, thick):
+    """Copy what slabs need of the receivers whose point raises the horizon; returns how many."""
     found = 0
     for i in range(count):
         w[LIST + found] = np.float32(i)
         found += w[SEEN + i] > w[TOP + i]
-    # All at once is a quarter of the time each.
-    every = 4 * found > count
-    if every:
-        for i in range(count):
-            set_slab(w, i, start, lean, perspective, scale, base, last, half)
+    source = TOP if thick else FROM
     for m in range(found):
-        i = index(w[LIST + m])
-        if not every:
-            set_slab(w, i, start, lean, perspective, scale, base, last, half)
-        c = w[SEEN + i]
-        share = w[SHARE + i]
-        if c > w[FROM + i]:
-            w[CLOSED + i] += share * slab(values, nodes, w, i)
-        w[TOP + i] = c if share > WHOLE_SHARE else blend(share, c, w[TOP + i])
+        i = receiver(w, m)
+        w[C0 + m] = w[source + i]
+        w[C1 + m] = w[SEEN + i]
+        w[AWAY + m] = w[PLACE + i]
+        w[HIGH + m] = w[HEIGHT + i]
+        w[PART + m] = w[SHARE + i]
+        w[PER_A + m] = w[A + i]
+        w[OFFSET + m] = w[B + i]
+        w[OWN + m] = w[NEAR + i]
+        w[WIDE + m] = w[SIDE + i]
+        w[NU + m] = w[NORMAL_U + i]
+        w[NV + m] = w[NORMAL_V + i]
+        w[OLD + m] = w[TOP + i]
+    return found
+
+
+@kernel
+def set_lines(w, found, start, lean, perspective):
+    """α and β of each slab's line.
+
+    The slab meets the horizon's ray at the point's row (`lean` 0: it runs away from the eye) or
+    nearer, as far as the row `start` where the point's interval begins (1). Where α + β c is below
+    0, the ray and the line part.
+    """
+    if perspective:
+        for m in range(found):
+            c0, c1, away = w[C0 + m], w[C1 + m], w[AWAY + m]
+            foot = away + lean * (start - away)
+            e1 = w[HIGH + m] / (w[WIDE + m] * away)
+            e0 = (w[OWN + m] / foot + (c0 - w[OFFSET + m]) / w[PER_A + m]) / w[WIDE + m]
+            beta = (e1 - e0) / (c1 - c0)
+            w[OFFSET + m] = beta
+            w[PER_A + m] = e1 - beta * c1
+    else:
+        for m in range(found):
+            c0, c1, away = w[C0 + m], w[C1 + m], w[AWAY + m]
+            foot = away + lean * (start - away)
+            e1 = ONE / (w[WIDE + m] * away)
+            e0 = ONE / (w[WIDE + m] * foot)
+            beta = (e1 - e0) / (c1 - c0)
+            w[OFFSET + m] = beta
+            w[PER_A + m] = e1 - beta * c1
+
+
+@kernel
+def cut(w, found, per_radius):
+    """Ends of the part of each slab that is nearer than the radius, in C0 and END."""
+    for m in range(found):
+        alpha, beta = w[PER_A + m], w[OFFSET + m]
+        # One over the distance is `size` times the cosine of the angle from the line's normal.
+        size = np.sqrt(alpha * alpha + beta * beta)
+        cosine = per_radius / size
+        sine = np.sqrt(ONE - cosine * cosine) if cosine < ONE else ZERO
+        low_sine = alpha * cosine + beta * sine
+        high_sine = alpha * cosine - beta * sine
+        low = (beta * cosine - alpha * sine) / low_sine
+        high = (beta * cosine + alpha * sine) / high_sine
+        # Where an end is not among the rays of the slice: none of them, or all on that side.
+        below_all = -HUGE if beta < ZERO else HUGE
+        above_all = HUGE if beta > ZERO else -HUGE
+        below_all = -HUGE if alpha > ZERO else below_all
+        above_all = HUGE if alpha > ZERO else above_all
+        low = low if low_sine > ZERO else below_all
+        high = high if high_sine > ZERO else above_all
+        c0, c1 = w[C0 + m], w[C1 + m]
+        start = low if low > c0 else c0
+        end = high if high < c1 else c1
+        open_ = cosine < ONE and end > start
+        w[C0 + m] = start if open_ else c0
+        w[END + m] = end if open_ else c0
+
+
+@kernel
+def set_nodes(w, found):
+    """Three rays of each slab, as unit vectors (along the view ray, across it).
+
+    At about 1/8, 1/2 and 7/8 of its angle: exact in the middle, to 1/50 beside it.
+    """
+    for m in range(found):
+        c0, c1 = w[C0 + m], w[END + m]
+        y0 = ONE / np.sqrt(ONE + c0 * c0)
+        y1 = ONE / np.sqrt(ONE + c1 * c1)
+        x0 = c0 * y0
+        x1 = c1 * y1
+        x, y = x0 + x1, y0 + y1
+        per = ONE / np.sqrt(x * x + y * y)
+        x *= per
+        y *= per
+        w[X_MIDDLE + m] = x
+        w[Y_MIDDLE + m] = y
+        w[X_FIRST + m] = x0 + ASIDE_SHARE * x
+        w[Y_FIRST + m] = y0 + ASIDE_SHARE * y
+        w[X_LAST + m] = x1 + ASIDE_SHARE * x
+        w[Y_LAST + m] = y1 + ASIDE_SHARE * y
+
+
+@kernel
+def weigh(w, found, formula):
+    """W by its formula at each slab's nodes."""
+    a, b, c, e = formula[0], formula[1], formula[2], formula[3]
+    for m in range(found):
+        for x, y, to in NODES:
+            per = w[PER_A + m] * w[y + m] + w[OFFSET + m] * w[x + m]
+            square = w[x + m] * w[x + m] + w[y + m] * w[y + m]
+            value = (a * (per * per) + b * square) / (c * (per * per) + e * square)
+            w[to + m] = value if per > ZERO else ZERO
+
+
+@kernel
+def weigh_by_table(w, found, values, scale, base):
+    """W by its table at each slab's nodes."""
+    last = np.float32(len(values)) - np.float32(1.01)
+    for m in range(found):
+        for x, y, to in NODES:
+            per = w[PER_A + m] * w[y + m] + w[OFFSET + m] * w[x + m]
+            per = per if per > ZERO else ZERO
+            square = (w[x + m] * w[x + m] + w[y + m] * w[y + m]) / (per * per)
+            place = np.float32(np.int32(bits(square) - base)) * scale
+            place = place if place > ZERO else ZERO
+            w[to + m] = place if place < last else last
+    for m in range(found):
+        for to in (W_FIRST, W_MIDDLE, W_LAST):
+            place = w[to + m]
+            k = np.int64(place) & 65535
+            w[to + m] = values[k] + (place - np.float32(np.int32(place))) * (
+                values[k + 1] - values[k]
+            )
+
+
+@inline
+def obscured(x, y, nu, nv):
+    """What a ray counts by the cosine, for each unit of angle."""
+    return (nv * x + nu * y) * y / (x * x + y * y)
+
+
+@kernel
+def add_weighted(w, count, start, lean, perspective, weights, thick):
+    """Raise the horizon by the points that are above it, weighted by a falloff."""
+    found = pick(w, count, thick)
+    if found == 0:
+        return
+    set_lines(w, found, start, lean, perspective)
+    cut(w, found, ONE / weights.radius if weights.radius < HUGE else ZERO)
+    set_nodes(w, found)
+    if len(weights.values) == 0:
+        weigh(w, found, weights.formula)
+    else:
+        weigh_by_table(w, found, weights.values, weights.scale, weights.base)
+    least = ONE
+    for m in range(found):
+        part = w[PART + m]
+        least = part if part < least else least
+    for m in range(found):
+        nu, nv = w[NU + m], w[NV + m]
+        first = OUTER * obscured(w[X_FIRST + m], w[Y_FIRST + m], nu, nv)
+        middle = INNER * obscured(w[X_MIDDLE + m], w[Y_MIDDLE + m], nu, nv)
+        last = OUTER * obscured(w[X_LAST + m], w[Y_LAST + m], nu, nv)
+        mean = first * w[W_FIRST + m] + middle * w[W_MIDDLE + m] + last * w[W_LAST + m]
+        mean /= first + middle + last
+        all_of_it = below(w[END + m], nu, nv) - below(w[C0 + m], nu, nv)
+        part = w[PART + m]
+        part = part if part < WHOLE_SHARE else ONE
+        w[W_MIDDLE + m] = part * all_of_it * mean if all_of_it > ZERO else ZERO
+        w[PART + m] = part
+    if least < WHOLE_SHARE:
+        for m in range(found):
+            c = blend(w[PART + m], w[C1 + m], w[OLD + m])
+            w[C1 + m] = c if w[PART + m] < ONE else w[C1 + m]
+    for m in range(found):
+        i = receiver(w, m)
+        w[CLOSED + i] += w[W_MIDDLE + m]
+        w[TOP + i] = w[C1 + m]
 
 
 @kernel
@@ -154,23 +306,26 @@ def add_plain(w, count, thick):
     What lies below the horizon is added at the end; here what is seen of it between slabs (`thick`:
     none), or beside points that stand for a part of the sector, is taken away.
     """
-    simple = thick
+    least = ONE
     for i in range(count):
-        simple = simple and not w[SHARE + i] < WHOLE_SHARE
-    if simple:
+        share = w[SHARE + i]
+        least = share if share < least else least
+    if thick and not least < WHOLE_SHARE:
         for i in range(count):
             w[TOP + i] = greater(w[SEEN + i], w[TOP + i])
         return
-    for i in range(count):
-        c = w[SEEN + i]
-        top = w[TOP + i]
-        if c > top:
-            nu, nv = w[NORMAL_U + i], w[NORMAL_V + i]
-            share = w[SHARE + i]
-            if not share < WHOLE_SHARE:
-                share = ONE
-            new = c if share == ONE else blend(share, c, top)
-            behind = min(w[FROM + i], c)
-            w[CLOSED + i] += share * (below(c, nu, nv) - below(behind, nu, nv))
-            w[CLOSED + i] -= below(new, nu, nv) - below(top, nu, nv)
-            w[TOP + i] = new
+    found = pick(w, count, thick)
+    for m in range(found):
+        nu, nv = w[NU + m], w[NV + m]
+        c, top = w[C1 + m], w[OLD + m]
+        part = w[PART + m]
+        part = part if part < WHOLE_SHARE else ONE
+        new = blend(part, c, top)
+        new = new if part < ONE else c
+        closed = part * (below(c, nu, nv) - below(w[C0 + m], nu, nv))
+        w[W_FIRST + m] = closed - (below(new, nu, nv) - below(top, nu, nv))
+        w[W_LAST + m] = new
+    for m in range(found):
+        i = receiver(w, m)
+        w[CLOSED + i] += w[W_FIRST + m]
+        w[TOP + i] = w[W_LAST + m]

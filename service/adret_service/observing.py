@@ -61,33 +61,33 @@ class Observe:
         began = time.perf_counter()
         method = scope["method"]
 
+        def ended(status: int) -> None:
+            took, route = time.perf_counter() - began, route_of(scope)
+            self.requests.seen(known_method(method), route, status, took)
+            span.ends(route, status)
+            level = logging.INFO if status >= 400 or route not in QUIET else logging.DEBUG
+            fields = {
+                "method": method,
+                "route": route,
+                "status": status,
+                "seconds": round(took, 6),
+            }
+            text = "%s %s %d %.1f ms"
+            shown = method, scope["path"], status, 1e3 * took
+            log.log(level, text, *shown, extra={"fields": fields})
+
         async def noted(message: Message) -> None:
             await send(message)
             if message["type"] == "http.response.start":
-                took, status = time.perf_counter() - began, message["status"]
-                route = route_of(scope)
-                self.requests.seen(known_method(method), route, status, took)
-                span.ends(route, status)
-                level = logging.INFO if status >= 400 or route not in QUIET else logging.DEBUG
-                fields = {
-                    "method": method,
-                    "route": route,
-                    "status": status,
-                    "seconds": round(took, 6),
-                }
-                log.log(
-                    level,
-                    "%s %s %d %.1f ms",
-                    method,
-                    scope["path"],
-                    status,
-                    1e3 * took,
-                    extra={"fields": fields},
-                )
+                ended(message["status"])
 
         request_id = str(scope.get("request_id", ""))
         with about(request_id=request_id), request_span(Request(scope)) as span:
-            await self.app(scope, receive, noted)
+            try:
+                await self.app(scope, receive, noted)
+            except Exception:
+                ended(500)  # whoever is outside of this answers so
+                raise
 
 
 def route_of(scope: Scope) -> str:

@@ -141,3 +141,18 @@ def test_metrics_are_for_keys_that_may_read_them(tmp_path: Path) -> None:
         assert allowed.headers["content-type"].startswith("text/plain")
         assert "adret_queue_waiting 0.0" in allowed.text
         assert client.get("/jobs", headers={"X-API-Key": watcher}).status_code == 403
+
+
+def test_a_failure_of_the_service_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = Settings(data_dir=tmp_path / "data", min_free_bytes=0)
+    engine = MemoryEngine()
+    with AppClient(create_app(settings, engine)) as client:
+        with monkeypatch.context() as broken:
+            broken.setattr(engine, "list", lambda *_, **__: 1 / 0)
+            assert client.get("/jobs").status_code == 500
+        assert client.get("/jobs").status_code == 200
+        found = metrics(client.get("/metrics").text)
+        assert found["adret_http_request_seconds_count", ("GET", "/jobs", "500")] == 1.0
+        assert found["adret_http_request_seconds_count", ("GET", "/jobs", "200")] == 1.0

@@ -65,7 +65,8 @@ def child(answer: int, folder: str, limits: dict[str, Any], options: dict[str, A
         limit = f"decodable within {limits['memory']} bytes of memory"
         result = refused(413, "file", limit, "more is needed")
     except RasterioError as error:
-        result = refused(400, "file", "a readable raster", " ".join(str(error).split()))
+        said = str(error).replace(str(Path(folder) / UPLOAD), "the file")
+        result = refused(400, "file", "a readable raster", " ".join(said.split()))
     except OSError as error:
         status = 507 if error.errno in (28, 122) else 400
         result = refused(status, "file", "readable, and its copy writable", error.strerror)

@@ -34,6 +34,7 @@ INVALID_INPUT = OGC + "invalid-parameter-value"
 
 AGAIN = 5  # seconds until a request may be repeated
 MAX_VALUE_TEXT = 200
+UNPARSED = "There was an error parsing the body"  # FastAPI: bytes that are no text, deep nesting
 TITLES = {460: "Checksum Mismatch"}  # a status of the tus protocol alone
 
 
@@ -177,6 +178,9 @@ def install(app: FastAPI) -> None:
 
     def on_http(request: Request, exc: Exception) -> JSONResponse:
         assert isinstance(exc, HTTPException)
+        if exc.detail == UNPARSED:
+            error = FieldError("body", "JSON that can be parsed", "a body that cannot")
+            return render(request, invalid(error))
         headers = dict(exc.headers) if exc.headers else None
         return render(request, Problem(exc.status_code, str(exc.detail), headers=headers))
 

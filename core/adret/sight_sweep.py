@@ -106,7 +106,7 @@ class SightRun:
         self._progress = progress
         self._bands = terrain.latitude_bands(MAX_AZIMUTH_ERROR)
         self._start = time.perf_counter()
-        size = self._bands[0].cell_size
+        size = terrain.cell_size  # of the whole raster: its windows go in the same order
         octants = [Direction.of(a, size).orientation for a in azimuths.tolist()]
         self._order = sorted(range(len(octants)), key=lambda k: (octants[k], k))
         self._frames: dict[Orientation, SightFrame] = {}

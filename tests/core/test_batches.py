@@ -150,6 +150,22 @@ def test_files_that_abut_are_one_surface(small: Path, tmp_path: Path) -> None:
     assert digest(tmp_path / "out" / "sky-view.tif") == whole["sky-view"]
 
 
+@pytest.mark.parametrize("measure", ["visible-count", "visible-area", "sky-view"])
+def test_tiles_of_visibility_are_the_file_of_the_command(
+    measure: str, small: Path, tmp_path: Path
+) -> None:
+    product = products.PRODUCTS["visibility"]
+    given = product.parameters(measure=measure, directions=6, max_distance=3000.0)
+    part = raster_files.crop(small, tmp_path / "part.tif", 90, 90)
+    job = Job(Surface.open([part]), {"visibility": given}, 37)
+    whole = whole_files(job, part, tmp_path)
+    batch(job, tmp_path / "out")
+    assert digest(tmp_path / "out" / "visibility.tif") == whole["visibility"]
+    endless = Job(job.surface, {"visibility": product.parameters(directions=6)}, 37)
+    with pytest.raises(InputError, match="max_distance: must be given for visibility in tiles"):
+        prepare(endless, tmp_path / "endless")
+
+
 def test_files_off_the_grid_are_refused(small: Path, tmp_path: Path) -> None:
     other = raster_files.crop(small, tmp_path / "b.tif", 50, 50, shift=0.3)
     with pytest.raises(RasterError, match="on the grid of the first file"):

@@ -20,6 +20,7 @@ from adret.parameters import (
     ShadowParameters,
     SkyViewParameters,
     Specification,
+    VisibilityParameters,
     specifications,
 )
 
@@ -34,6 +35,7 @@ PARAMETERS: tuple[type[Parameters], ...] = (
     OpennessParameters,
     ShadowParameters,
     LightParameters,
+    VisibilityParameters,
 )
 UNITS = {"K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
@@ -44,7 +46,7 @@ SHARED: tuple[tuple[str, Any, Any, str, str], ...] = (
         str,
         "sky",
         "NAME,NAME,...",
-        "Of horizon, sky, openness, shadow and light.",
+        "Of horizon, sky, openness, shadow, light and visibility.",
     ),
     ("tile_size", str, "2048", "N", "Cells a side of a tile; multiples of 512 go fastest."),
     ("memory", str, "2G", "SIZE", "Memory that a worker may take, as in 800M or 2G."),

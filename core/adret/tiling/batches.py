@@ -26,7 +26,7 @@ from adret.tiling.jobs import (
     tile_path,
     write_json,
 )
-from adret.tiling.tasks import Tile, Written, file_digest
+from adret.tiling.tasks import Tile, Written, check_tiled, file_digest
 
 __all__ = ["BatchReport", "ProductReport", "prepare", "run_batch"]
 
@@ -92,6 +92,7 @@ def prepare(job: Job, out: Path, *, resume: bool = False, overwrite: bool = Fals
     InputError
         If the job to resume is another one.
     """
+    check_tiled(job)
     if not out.parent.is_dir():
         raise RasterError("out", "in a folder that exists", str(out))
     if out.exists() and not out.is_dir():

@@ -8,13 +8,14 @@ from pathlib import Path
 
 from adret.errors import InputError
 from adret.parameters import (
+    BodyParameters,
     HorizonParameters,
     LightParameters,
     Parameters,
-    RayParameters,
     RoundParameters,
     ShadowParameters,
     SkyViewParameters,
+    VisibilityParameters,
 )
 from adret.tiling.jobs import Job
 from adret.tiling.tasks import TILE_CACHE, halo
@@ -27,6 +28,8 @@ PROCESS = 400 << 20
 # cells; measured on 2 cores, see benchmarks/scale.
 SWEEP_NS, NEAR_NS = 12.0, 0.25
 PAGE = 4096  # bytes
+SIGHT_BYTES = 160  # a cell that a tile of visibility sees: frames of all octants
+DIRECTED = (RoundParameters, VisibilityParameters)
 # Compressed bytes a stored number, for want of a better guess.
 STORED = 0.6
 
@@ -173,6 +176,8 @@ def worker_bytes(job: Job, parameters: Parameters, threads: int) -> int:
     own = core[0] * core[1] * (1 + 4 + _own_bytes(parameters))
     # Hulls of the lines of a strip, of each thread.
     hulls = threads * 130 * (max(seen) // 4 + 2) * 48
+    if isinstance(parameters, VisibilityParameters):
+        own += seen[0] * seen[1] * SIGHT_BYTES
     return PROCESS + (TILE_CACHE << 20) + strip + swept + own + hulls
 
 
@@ -217,11 +222,11 @@ def _azimuths(parameters: Parameters) -> int:
     if isinstance(parameters, LightParameters):
         whole = parameters.sky != "none" or parameters.environment is not None
         return (parameters.directions if whole else 0) + (parameters.sun_deg is not None)
-    return parameters.directions if isinstance(parameters, RoundParameters) else 1
+    return parameters.directions if isinstance(parameters, DIRECTED) else 1
 
 
 def _product(job: Job, name: str, parameters: Parameters, threads: int) -> ProductPlan:
-    assert isinstance(parameters, RayParameters)
+    assert isinstance(parameters, BodyParameters)
     rows, columns = job.surface.grid.shape
     azimuths = _azimuths(parameters)
     horizons = isinstance(parameters, HorizonParameters)
@@ -231,7 +236,7 @@ def _product(job: Job, name: str, parameters: Parameters, threads: int) -> Produ
     item = 2 if horizons and getattr(parameters, "dtype", "") == "uint16" else 4
     if isinstance(parameters, ShadowParameters) and parameters.layer == "code":
         item = 1
-    near = 32 if parameters.near is None else parameters.near
+    near = getattr(parameters, "near", None) or 32
     return ProductPlan(
         product=name,
         tiles=len(job.tiles),

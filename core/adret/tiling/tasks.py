@@ -5,7 +5,7 @@ import resource
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from adret._gdal import GDAL_OPTIONS, atomic
 from adret.errors import InputError
-from adret.parameters import Parameters, RayParameters
+from adret.parameters import BodyParameters, Parameters, VisibilityParameters
 
 if TYPE_CHECKING:
     from adret.products import Product, Result
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from adret.tiling.frames import StoredFrames
     from adret.tiling.jobs import Job
 
-__all__ = ["TILED", "Tile", "Written", "cut", "make_tile", "tiled_product"]
+__all__ = ["TILED", "Tile", "Written", "check_tiled", "cut", "make_tile", "tiled_product"]
 
 TILED = {
     "horizon": "horizon",
@@ -31,8 +31,12 @@ TILED = {
     "openness": "openness",
     "shadow": "shadow",
     "light": "light",
+    "visibility": "visibility",
 }
 """Names that a batch takes, and the products that they stand for."""
+
+WINDOWED = ("visibility",)
+"""Products that are computed of a tile's halo as well, and then cut."""
 
 TILE_CACHE = 64  # MiB of GDAL's block cache in a worker
 BLOCK = 512  # cells a side of a block in a tile's file
@@ -103,6 +107,29 @@ def tiled_product(name: str) -> "Product":
     return PRODUCTS[TILED[name]]
 
 
+def check_tiled(job: "Job") -> None:
+    """Refuse what cannot be cut without a trace.
+
+    Raises
+    ------
+    InputError
+        For visibility without a range, or where sums of lengths would be rounded in another order.
+    """
+    from adret.methods import MAX_AZIMUTH_ERROR
+
+    for name, parameters in job.products.items():
+        if name not in WINDOWED or len(job.tiles) == 1:
+            continue
+        assert isinstance(parameters, VisibilityParameters)
+        if parameters.max_distance is None:
+            raise InputError("max_distance", f"given for {name} in tiles", None)
+        grid = job.surface.grid
+        counts = parameters.measure in ("visible-count", "horizon-count", "max-sight-distance")
+        if not counts and len(grid.bands(0, grid.shape[0], MAX_AZIMUTH_ERROR)) > 1:
+            limit = "a count, or max-sight-distance, in tiles across bands of latitude"
+            raise InputError("measure", limit, parameters.measure)
+
+
 def cut(shape: tuple[int, int], size: int) -> list[Tile]:
     """Tiles of `size` cells a side, the last ones smaller, row by row.
 
@@ -146,7 +173,13 @@ def make_tile(
         terrain = frames.tile(tile.rows, tile.columns)
     else:
         terrain = job.surface.tile(tile.rows, tile.columns, margin)
-    result = tiled_product(product).compute(terrain, parameters, None)
+    if product in WINDOWED:
+        result = tiled_product(product).compute(_around(terrain), parameters, None)
+        top, left = terrain.view[1:3]
+        core = slice(top, top + terrain.shape[0]), slice(left, left + terrain.shape[1])
+        result = replace(result, layers=np.asarray(result.layers)[core])
+    else:
+        result = tiled_product(product).compute(terrain, parameters, None)
     digest = _write(path, terrain, result)
     report = last_run_report()
     return Written(
@@ -170,7 +203,7 @@ def halo(job: "Job", parameters: Parameters, tile: Tile) -> int | None:
     """Cells round a tile that it sees; None for all there are."""
     from adret.horizon import HorizonOptions
 
-    assert isinstance(parameters, RayParameters)
+    assert isinstance(parameters, BodyParameters)
     if parameters.max_distance is None:
         return None
     options = HorizonOptions(max_distance=parameters.max_distance)
@@ -193,6 +226,19 @@ def encoded(result: "Result") -> Iterator[tuple[int, NDArray[Any]]]:
         layers = enumerate(layers[np.newaxis] if layers.ndim == 2 else layers)
     for index, layer in layers:
         yield index, encode(layer)
+
+
+def _around(terrain: "Terrain") -> "Terrain":
+    """All that a tile sees, as a terrain."""
+    view, (row, column) = terrain.view, terrain.origin
+    return terrain.of_view(
+        view._replace(top=0, left=0),
+        view.heights.shape,
+        (row - view.top, column - view.left),
+        terrain.grid,
+        terrain.datum,
+        terrain.vertical_unit,
+    )
 
 
 def _write(path: Path, terrain: "Terrain", result: "Result") -> str:

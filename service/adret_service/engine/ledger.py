@@ -35,6 +35,25 @@ CALLBACKS = {
 
 OPEN = jobs.c.status.notin_([str(status) for status in FINISHED])
 
+# What an order is accepted with, built once: building takes longer than running it.
+ADDING = jobs.insert()
+TELLING = events.insert()
+READ_BY = (
+    sa.select(datasets.c.id)
+    .where(datasets.c.id == sa.bindparam("named"), datasets.c.tenant == sa.bindparam("whose"))
+    .with_for_update(read=True)
+)
+COUNTING = {
+    name: insert(usage).on_conflict_do_update(
+        index_elements=["tenant", "day"],
+        set_={
+            "jobs": usage.c.jobs + insert(usage).excluded.jobs,
+            "cells": usage.c.cells + insert(usage).excluded.cells,
+        },
+    )
+    for name, insert in (("postgresql", postgresql.insert), ("sqlite", sqlite.insert))
+}
+
 
 def to_record(row: Any) -> JobRecord:
     """Turn a row into a record."""
@@ -132,14 +151,8 @@ class SqlLedger:
             If the quota has no room for it.
         """
         today = int(time.time() // DAY)
-        row = {"tenant": tenant, "day": today}
-        insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
-        added = {"jobs": usage.c.jobs + 1, "cells": usage.c.cells + cells}
-        connection.execute(
-            insert(usage)
-            .values(**row, jobs=1, cells=cells)
-            .on_conflict_do_update(index_elements=["tenant", "day"], set_=added)
-        )
+        row = {"tenant": tenant, "day": today, "jobs": 1, "cells": cells}
+        connection.execute(COUNTING[connection.dialect.name], row)
         if quota is None:
             return
         query = sa.select(usage.c.cells).where(usage.c.tenant == tenant, usage.c.day == today)
@@ -161,14 +174,12 @@ class SqlLedger:
         LookupError
             If the tenant's dataset is gone.
         """
-        dataset = sa.select(datasets.c.id).where(
-            datasets.c.id == job.dataset, datasets.c.tenant == job.tenant
-        )
         fields = {column.name: getattr(job, column.name) for column in jobs.columns}
         fields |= {"status": str(job.status), "inputs": dict(job.inputs)}
         fields["request"] = dict(job.request) or None
-        connection.execute(jobs.insert().values(**fields))
-        if job.dataset and connection.execute(dataset.with_for_update(read=True)).first() is None:
+        connection.execute(ADDING, fields)
+        named = {"named": job.dataset, "whose": job.tenant}
+        if job.dataset and connection.execute(READ_BY, named).first() is None:
             raise LookupError(job.dataset)
         self._tell(connection, job.id, "status", status=str(job.status), message=job.message)
 
@@ -342,4 +353,4 @@ class SqlLedger:
 
     def _tell(self, connection: sa.Connection, job_id: str, kind: str, **body: Any) -> None:
         row = {"job": job_id, "at": time.time(), "kind": kind, "body": body}
-        connection.execute(events.insert().values(**row))
+        connection.execute(TELLING, row)

@@ -36,6 +36,7 @@ from adret.screen import DepthPrecisionWarning  # noqa: E402
 from adret.screen.raytraced import RaySample  # noqa: E402
 
 RESULTS = Path(__file__).resolve().parent / "results"
+TIMES = ("sizes", "radii", "rays")
 MADE = {"made blocks": "perspective", "made relief": "orthographic"}
 RAYS = 8192
 QUICK_RAYS = 4232
@@ -291,64 +292,73 @@ def main() -> None:
     parser.add_argument(
         "--timing",
         nargs="*",
-        choices=("sizes", "radii", "rays"),
+        choices=TIMES,
         help="of it, times only: against resolution, against radius, slices and Embree",
     )
     parser.add_argument("--present", action="store_true", help="write tables and plots anew")
     parser.add_argument("--cases", nargs="*", help="names of depth buffers, for --ledger")
     asked = parser.parse_args()
     if asked.timing == []:
-        asked.timing = ["sizes", "radii", "rays"]
+        asked.timing = list(TIMES)
     quick = not (asked.full or asked.ledger or asked.timing or asked.present)
     warnings.simplefilter("ignore", DepthPrecisionWarning)
     path = RESULTS / ("ssao-quick.json" if quick else "ssao.json")
-    results: Entry = {}
-    if path.is_file() and not (quick or asked.full):
-        results = json.loads(path.read_text())
-    if not asked.present:
-        results["about"] = present.about()
     if quick:
-        cases = [
-            made_case("perspective", 480, 270, 48, 2000),
-            made_case("orthographic", 480, 270, 48, 2000),
-        ]
-        results["ledger"] = list(ledger(cases, QUICK_RAYS, quick=True))
-        results["scaling"] = {
-            "radius_size": SIZES[0],
-            "by_size": times_by_size(SIZES[:1]),
-            "by_radius": times_by_radius(SIZES[0], RADII_PIXELS[::3]),
-            "about": present.about(),
-        }
+        run_quick(path)
     if asked.full or asked.ledger:
         cases = [c for name in (*REAL, *MADE) if (c := case_of(name)) is not None]
         wanted = [c for c in cases if not asked.cases or c.name in asked.cases]
         for each in ledger(wanted, RAYS, quick=False):
-            # What is done is kept when a run is cut short, and beside that of another run.
-            kept = json.loads(path.read_text()) if path.is_file() else {}
-            known = {old["name"]: old for old in kept.get("ledger", [])}
+            results = kept(path)
+            known = {old["name"]: old for old in results.get("ledger", [])}
             known[each["name"]] = {**each, "about": present.about()}
             results["ledger"] = [known[case.name] for case in cases if case.name in known]
             save(results, path)
-        results = json.loads(path.read_text())
-    if asked.full or asked.timing:
-        times = results.setdefault("scaling", {"radius_size": SIZES[1]})
-        times["about"] = present.about()
-        if asked.full or "sizes" in asked.timing:
-            times["by_size"] = times_by_size(SIZES)
-        if asked.full or "radii" in asked.timing:
-            times["by_radius"] = times_by_radius(SIZES[1], RADII_PIXELS)
-        if asked.full or "rays" in asked.timing:
-            times["equal_error"] = equal_error_times(results.get("ledger", []))
+    for part in TIMES if asked.full else asked.timing or ():
+        found = times(part, kept(path).get("ledger", []))
+        results = kept(path)
+        results["scaling"] = {**results.get("scaling", {}), "radius_size": SIZES[1], **found}
         save(results, path)
-    if quick:
-        save(results, path)
+    results = kept(path)
     path.with_suffix(".md").write_text(ssao_present.table(results, path.stem))
     ssao_present.plots(results, path.with_suffix(""))
 
 
+def run_quick(path: Path) -> None:
+    """Made scenes at a small size, one resolution, three radii."""
+    cases = [
+        made_case("perspective", 480, 270, 48, 2000),
+        made_case("orthographic", 480, 270, 48, 2000),
+    ]
+    times = {
+        "radius_size": SIZES[0],
+        "by_size": times_by_size(SIZES[:1]),
+        "by_radius": times_by_radius(SIZES[0], RADII_PIXELS[::3]),
+    }
+    save({"ledger": list(ledger(cases, QUICK_RAYS, quick=True)), "scaling": times}, path)
+
+
+def times(part: str, entries: list[Entry]) -> Entry:
+    """One part of the times, with what it ran on."""
+    found: dict[str, Any] = {f"{part}_about": present.about()}
+    if part == "sizes":
+        found["by_size"] = times_by_size(SIZES)
+    elif part == "radii":
+        found["by_radius"] = times_by_radius(SIZES[1], RADII_PIXELS)
+    else:
+        found["equal_error"] = equal_error_times(entries)
+    return found
+
+
+def kept(path: Path) -> Entry:
+    """What other runs have written: a run that is cut short or is beside another loses nothing."""
+    return json.loads(path.read_text()) if path.is_file() else {}  # type: ignore[no-any-return]
+
+
 def save(results: Entry, path: Path) -> None:
-    """Write the numbers."""
+    """Write the numbers, and what the last of them were taken on."""
     RESULTS.mkdir(exist_ok=True)
+    results = {**results, "about": present.about()}
     path.write_text(json.dumps(results, indent=1, default=_plain) + "\n")
 
 

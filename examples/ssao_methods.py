@@ -17,23 +17,30 @@ from numpy.typing import NDArray
 
 from adret import DepthBuffer, ambient_occlusion
 from adret.screen import indirect_color
+from adret.screen.crytek import published_kernel
 
 DATA = Path(__file__).resolve().parent / "data"
 RADIUS = 0.5  # metres
-RAYS = 512
+RAYS = 768
 COSINE = {"weight": "cosine", "falloff": "quadratic"}
 UNIFORM = {"weight": "uniform", "falloff": "quadratic"}
-TIMONEN = {"falloff": "timonen", "falloff_scale": (0.25 * RADIUS) ** 2}
+TIMONEN = {"falloff": "timonen", "falloff_scale": (0.5 * RADIUS) ** 2}
+KERNEL = tuple(np.unique(np.linalg.norm(published_kernel(16), axis=1).round(9)).tolist())
+SHELL = tuple(np.cbrt(0.8**3 + np.array([0.1, 0.3, 0.5, 0.7, 0.9]) * (1.0 - 0.8**3)).tolist())
 COLUMNS = 3
 
 
 class Shown(NamedTuple):
-    """A method's setting and what rays compute of its integral."""
+    """A method's setting and what rays compute of its integral.
+
+    Of spheres, the mean over some shares of the radius.
+    """
 
     title: str
     method: str
     options: dict[str, Any]
     truth: dict[str, Any]
+    spheres: tuple[float, ...] = (1.0,)
 
 
 SHOWN = (
@@ -53,18 +60,31 @@ SHOWN = (
         "crytek, 16, box filter",
         "crytek",
         {"range_check": "none", "denoise": "box"},
-        {"weight": "sphere"},
+        {"weight": "shell"},
+        KERNEL,
     ),
-    Shown("lightfield, 8, box filter", "lightfield", {"denoise": "box"}, {"weight": "shell"}),
+    Shown(
+        "lightfield, 8, box filter",
+        "lightfield",
+        {"denoise": "box"},
+        {"weight": "shell"},
+        SHELL,
+    ),
 )
 
 
-def reference(buffer: DepthBuffer, options: dict[str, Any], kept: dict[str, Any]) -> Any:
+def reference(buffer: DepthBuffer, shown: Shown, kept: dict[str, Any]) -> Any:
     """The integral by rays, once for each set of options."""
-    key = repr(sorted(options.items()))
+    key = repr((sorted(shown.truth.items()), shown.spheres))
     if key not in kept:
-        traced = ambient_occlusion(buffer, method="raytraced", rays=RAYS, radius=RADIUS, **options)
-        kept[key] = traced.occlusion
+        options = {"method": "raytraced", "rays": RAYS // len(shown.spheres), **shown.truth}
+        kept[key] = np.mean(
+            [
+                ambient_occlusion(buffer, radius=share * RADIUS, **options).occlusion
+                for share in shown.spheres
+            ],
+            axis=0,
+        )
     return kept[key]
 
 
@@ -93,7 +113,7 @@ def every_method(buffer: DepthBuffer, folder: Path) -> None:
         start = time.process_time()
         found = ambient_occlusion(buffer, method=each.method, **options)
         spent = (time.process_time() - start) / found.report.receivers
-        error = found.occlusion - reference(buffer, each.truth, kept)
+        error = found.occlusion - reference(buffer, each, kept)
         images.append(1.0 - found.occlusion)
         errors.append(error)
         titles.append(each.title)
@@ -112,14 +132,14 @@ def more_of_exact(buffer: DepthBuffer, folder: Path) -> None:
     """Occlusion with an infinite and a finite thickness, bent normals, a bounce of colour."""
     row0, row1, column0, column1 = buffer.frame
     frame = (slice(row0, row1), slice(column0, column1))
-    solid = ambient_occlusion(buffer, method="exact", radius=1.5)
-    shell = ambient_occlusion(buffer, method="exact", radius=1.5, thickness=0.3)
+    solid = ambient_occlusion(buffer, method="exact", radius=1.5, directions=96)
+    shell = ambient_occlusion(buffer, method="exact", radius=1.5, directions=96, thickness=0.3)
     # A red wall on the left, a blue one on the right, white between them.
     x, _, _ = buffer.camera.position(*np.mgrid[0 : buffer.shape[0], 0 : buffer.shape[1]], 1.0)
     side = np.clip(x, -1.0, 1.0)
     colour = np.stack([1.0 - 0.9 * np.maximum(side, 0.0), 1.0 - 0.9 * np.abs(side), 1.0 + 0 * side])
     colour[2] -= 0.9 * np.maximum(-side, 0.0)
-    light = indirect_color(buffer, colour, radius=1.5)
+    light = indirect_color(buffer, colour, radius=1.5, directions=96)
     assert solid.bent_normal is not None
     shown = [
         (1.0 - solid.occlusion, "all behind the surface is solid"),

@@ -3,15 +3,17 @@
     python benchmarks/service/load.py --seconds 180
 
 Every client asks for its job's state once a second, as `Retry-After` tells it to, and between that
-fetches a preview or a part of a result.
+fetches a map tile, a preview or a part of a result.
 """
 
 import argparse
 import asyncio
+import math
 import random
 import time
 from collections import Counter
 from typing import Any
+from urllib.parse import urlsplit
 
 from common import DEM, milliseconds, quantile, record, resident, serving
 from connection import Answer, Connection
@@ -23,7 +25,7 @@ ORDER = {"directions": 64}
 class Load:
     """What the clients of one run have seen."""
 
-    def __init__(self, server: Server, dataset: str, tiles: str | None) -> None:
+    def __init__(self, server: Server, dataset: str, tiles: list[str]) -> None:
         self.server, self.dataset, self.tiles = server, dataset, tiles
         self.times: dict[str, list[float]] = {"status": [], "fetch": []}
         self.codes: Counter[str] = Counter()
@@ -52,13 +54,11 @@ class Load:
                 await asyncio.sleep(random_.uniform(0.3, 0.7))
 
     def wanted(self, random_: random.Random) -> tuple[str, dict[str, str]]:
-        """What a client fetches: a tile where there are some, a preview, or a part of a raster."""
+        """What a client fetches: a map tile, a preview, or a part of a raster."""
         job = random_.choice(self.finished)
-        kind = random_.choice(
-            ["tile", "tile", "preview", "range"] if self.tiles else ["preview", "range"]
-        )
+        kind = random_.choice(["tile", "preview", "range", "range"])
         if kind == "tile":
-            return str(self.tiles).format(x=random_.randrange(4), y=random_.randrange(4)), {}
+            return random_.choice(self.tiles), {}
         if kind == "preview":
             return f"/jobs/{job}/results/preview", {}
         start = random_.randrange(4) * 1024
@@ -90,18 +90,38 @@ class Load:
         await asyncio.gather(self.orders(), self.watch(), *tasks)
 
 
+def tiles_of(server: Server, dataset: str) -> list[str]:
+    """Return the paths of the tiles that a map of a dataset shows at three zoom levels."""
+    described = server.http.get(f"/datasets/{dataset}/tilejson.json").json()
+    west, south, east, north = described["bounds"]
+    template = urlsplit(described["tiles"][0]).path
+    paths = []
+    for zoom in (9, 10, 11):
+        left, top = (int(each) for each in place(west, north, zoom))
+        right, bottom = (int(each) for each in place(east, south, zoom))
+        for x in range(left, right + 1):
+            for y in range(top, bottom + 1):
+                paths.append(template.format(z=zoom, x=x, y=y))
+    return paths
+
+
+def place(longitude: float, latitude: float, zoom: int) -> tuple[float, float]:
+    """Return where a place lies among the tiles of a zoom level."""
+    count = 2.0**zoom
+    y = math.asinh(math.tan(math.radians(latitude))) / math.pi
+    return (longitude + 180.0) / 360.0 * count, (1.0 - y) / 2.0 * count
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=180.0)
     parser.add_argument("--clients", type=int, default=200)
     parser.add_argument("--database", choices=["sqlite", "postgresql"], default="sqlite")
-    parser.add_argument("--tiles", help="Path of a tile with {dataset}, {x} and {y}.")
     parser.add_argument("--keep", action="store_true", help="Write the results' file.")
     options = parser.parse_args()
     with serving(options.database, ADRET_THREADS_PER_JOB="1", ADRET_COMPUTE_NICE="5") as server:
         dataset = server.upload(DEM).json()["id"]
-        tiles = options.tiles and options.tiles.replace("{dataset}", dataset)
-        load = Load(server, dataset, tiles)
+        load = Load(server, dataset, tiles_of(server, dataset))
         for _ in range(3):
             job = server.submit("sky-view", dataset=dataset, **ORDER)
             server.wait(job, "successful")
@@ -126,7 +146,6 @@ def account(load: Load, options: argparse.Namespace) -> dict[str, Any]:
         "requests_a_second": round(sum(load.codes.values()) / options.seconds, 1),
         "status_ms": milliseconds(load.times["status"]),
         "fetch_ms": milliseconds(load.times["fetch"]),
-        "fetches_tiles": options.tiles is not None,
         "answers": dict(sorted(load.codes.items())),
         "server_errors": sum(n for name, n in load.codes.items() if name.split()[1] >= "500"),
         "memory_mib": [round(quantile(part, 0.5) / 2**20, 1) for part in (early, late)],

@@ -38,10 +38,13 @@ RESULTS: dict[int | str, dict[str, Any]] = {
 }
 
 
-class GeoJson(JSONResponse):
-    """JSON under GeoJSON's own media type."""
-
-    media_type = "application/geo+json"
+ITEM: dict[int | str, dict[str, Any]] = {
+    200: {
+        "model": StacItem,
+        "description": "The item.",
+        "content": {"application/geo+json": {"schema": {"$ref": "#/components/schemas/StacItem"}}},
+    }
+}
 
 
 @router.get(
@@ -80,9 +83,9 @@ def get_results(
 @router.get(
     "/jobs/{job_id}/stac",
     operation_id="getItem",
-    response_class=GeoJson,
-    response_model=StacItem,
-    response_model_exclude_unset=True,
+    response_class=JSONResponse,
+    response_model=None,
+    responses=ITEM,
 )
 @router.get("/jobs/{job_id}/results/stac", include_in_schema=False)
 def get_item(job_id: str, service: ServiceDep, tenant: Tenant, base: BaseUrl) -> Response:
@@ -91,7 +94,8 @@ def get_item(job_id: str, service: ServiceDep, tenant: Tenant, base: BaseUrl) ->
     artefacts = artefacts_of(service, job)
     process = known_process(service, job.process)
     dataset = service.catalogue.get(job.dataset, tenant) if job.dataset else None
-    return GeoJson(item(job, process, dataset, artefacts, base))
+    body = item(job, process, dataset, artefacts, base)
+    return JSONResponse(body, media_type="application/geo+json")
 
 
 @router.get(

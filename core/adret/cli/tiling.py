@@ -54,6 +54,13 @@ SHARED: tuple[tuple[str, Any, Any, str, str], ...] = (
     ("band", str, "1", "N", "Band that holds the heights."),
     ("cell_size", str | None, None, "DX,DY", "Metres a cell, for files that do not say it."),
     ("vertical_unit", str | None, None, "UNIT", "Unit of the heights: m, ft, us-ft, ..."),
+    (
+        "surroundings",
+        str | None,
+        None,
+        "FILE",
+        "Coarser raster of the ground beyond the edges; needs --max-distance.",
+    ),
 )
 
 Common = tuple[str, Any, Any, str | None, str]
@@ -71,6 +78,7 @@ class Request:
     band: int
     cell_size: tuple[float, float] | None
     vertical_unit: str | None
+    surroundings: str | None
 
 
 def job_command(
@@ -149,6 +157,7 @@ def job_of(
         cell_size=request.cell_size,
         vertical_unit=request.vertical_unit,
         datum=datum,
+        surroundings=request.surroundings,
         progress=progress,
     )
     return Job(surface, request.products, request.tile_size)
@@ -210,6 +219,7 @@ def _request(
     band: str,
     cell_size: str | None,
     vertical_unit: str | None,
+    surroundings: str | None,
 ) -> Request:
     from adret.tiling.tasks import tiled_product
 
@@ -236,6 +246,7 @@ def _request(
         band=whole_of("band", band, 1, 65535),
         cell_size=None if size is None else (size[0], size[1]),
         vertical_unit=vertical_unit,
+        surroundings=surroundings,
     )
 
 

@@ -26,6 +26,7 @@ from adret.grids import RasterGrid
 from adret.parameters import Parameters
 from adret.tiling.frames import StoredFrames
 from adret.tiling.surfaces import Piece, Surface
+from adret.tiling.surroundings import Surroundings
 from adret.tiling.tasks import Tile, Written, cut, file_digest, make_tile, tiled_product
 
 __all__ = ["Job", "run_tile"]
@@ -66,6 +67,7 @@ class Job:
             "format": VERSION,
             "version": adret.__version__,
             "pieces": [asdict(piece) | _stamp(piece.path) for piece in surface.pieces],
+            "surroundings": _surroundings(surface),
             "band": surface.band,
             "vertical_unit": surface.vertical_unit,
             "item_size": surface.item_size,
@@ -113,6 +115,7 @@ class Job:
             Piece(each["path"], each["row"], each["column"], _pair(each["shape"]))
             for each in known["pieces"]
         )
+        border = known["surroundings"]
         surface = Surface(
             pieces,
             grid,
@@ -120,6 +123,7 @@ class Job:
             known["vertical_unit"],
             known["item_size"],
             known["datum"],
+            None if border is None else Surroundings.open(border["path"], grid, border["band"]),
         )
         products = {
             name: tiled_product(name).parameters(**_lists(given))
@@ -225,6 +229,13 @@ def digest(document: Mapping[str, Any]) -> str:
 def _stamp(path: str) -> dict[str, Any]:
     status = os.stat(path)
     return {"bytes": status.st_size, "modified": status.st_mtime_ns}
+
+
+def _surroundings(surface: Surface) -> dict[str, Any] | None:
+    border = surface.surroundings
+    if border is None:
+        return None
+    return {"path": border.path, "band": border.band} | _stamp(border.path)
 
 
 def _pair(values: Any) -> Any:

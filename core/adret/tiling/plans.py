@@ -165,7 +165,9 @@ def worker_bytes(job: Job, parameters: Parameters, threads: int) -> int:
         swept = _mapped_bytes(core, seen)
     else:
         reach = max(rows, columns) if margin is None else margin
-        seen = min(core[0] + 2 * reach, rows), min(core[1] + 2 * reach, columns)
+        seen = core[0] + 2 * reach, core[1] + 2 * reach
+        if job.surface.surroundings is None:
+            seen = min(seen[0], rows), min(seen[1], columns)
         view = seen[0] * seen[1]
         pad = min(max(near, 0 if margin is None else margin), max(seen))
         frame = (seen[0] + pad + 8) * (seen[1] + pad + 8)

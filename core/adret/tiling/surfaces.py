@@ -14,6 +14,7 @@ from adret._gdal import PathLike
 from adret.errors import InputError, RasterError
 from adret.grids import RasterGrid, TerrainView
 from adret.terrain import Terrain
+from adret.tiling.surroundings import Surroundings
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -55,6 +56,8 @@ class Surface:
         Largest number of bytes a stored height.
     datum : float
         Height [m] subtracted from all; that of `Terrain.open` of the same raster.
+    surroundings : Surroundings or None
+        Ground beyond the surface's edges, for tiles with a range.
 
     Examples
     --------
@@ -71,6 +74,7 @@ class Surface:
     vertical_unit: str
     item_size: int
     datum: float
+    surroundings: Surroundings | None = None
 
     @classmethod
     def open(
@@ -81,6 +85,7 @@ class Surface:
         vertical_unit: str | None = None,
         cell_size: tuple[float, float] | None = None,
         datum: float | None = None,
+        surroundings: PathLike | None = None,
         progress: Progress | None = None,
     ) -> Self:
         """Read the headers and, unless a datum is given, once every height, for their range.
@@ -106,14 +111,23 @@ class Surface:
         if datum is None:
             unranged = cls(pieces, grid, band, first.vertical_unit, item, 0.0)
             datum = _heights.middle(*unranged._range(progress))
-        return cls(pieces, grid, band, first.vertical_unit, item, datum)
+        border = None if surroundings is None else Surroundings.open(surroundings, grid)
+        return cls(pieces, grid, band, first.vertical_unit, item, datum, border)
 
     def tile(self, rows: Span, columns: Span, halo: int | None) -> Terrain:
-        """The tile that `Terrain.open(...).tile(rows, columns, halo)` would be."""
+        """The tile that `Terrain.open(...).tile(rows, columns, halo)` would be.
+
+        With surroundings it sees them too, as far as its halo goes, and needs one.
+        """
         n, m = self.grid.shape
-        reach = max(n, m) if halo is None else halo
-        down = max(rows[0] - reach, 0), min(rows[1] + reach, n)
-        across = max(columns[0] - reach, 0), min(columns[1] + reach, m)
+        if self.surroundings is not None:
+            if halo is None:
+                raise InputError("max_distance", "given with surroundings", None)
+            down, across = (rows[0] - halo, rows[1] + halo), (columns[0] - halo, columns[1] + halo)
+        else:
+            reach = max(n, m) if halo is None else halo
+            down = max(rows[0] - reach, 0), min(rows[1] + reach, n)
+            across = max(columns[0] - reach, 0), min(columns[1] + reach, m)
         view = TerrainView(self.heights(down, across), rows[0] - down[0], columns[0] - across[0])
         shape = (rows[1] - rows[0], columns[1] - columns[0])
         corner = (down[0], across[0])
@@ -127,6 +141,8 @@ class Surface:
             empty = np.isnan(target)
             above = np.subtract(values, self.datum, dtype=np.float64)
             np.copyto(target, above, where=empty, casting="same_kind")
+        if self.surroundings is not None:
+            self.surroundings.fill(out, self.grid, rows, columns, self.datum)
         return out
 
     def _windows(

@@ -113,11 +113,15 @@ def check_tiled(job: "Job") -> None:
     Raises
     ------
     InputError
-        For visibility without a range, or where sums of lengths would be rounded in another order.
+        For surroundings or visibility without a range, or where sums of lengths would be rounded
+        in another order.
     """
     from adret.methods import MAX_AZIMUTH_ERROR
 
     for name, parameters in job.products.items():
+        assert isinstance(parameters, BodyParameters)
+        if job.surface.surroundings is not None and parameters.max_distance is None:
+            raise InputError("max_distance", "given with surroundings", None)
         if name not in WINDOWED or len(job.tiles) == 1:
             continue
         assert isinstance(parameters, VisibilityParameters)

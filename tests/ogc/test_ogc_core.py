@@ -1,4 +1,7 @@
-"""Requirements class core of OGC API - Processes 1.0; each test is named after its requirement."""
+"""Requirements class core of OGC API - Processes 1.0; each test is named after its requirement.
+
+The public suite has process-execute-… by the older name job-creation-….
+"""
 
 import base64
 import email

@@ -39,6 +39,7 @@ from adret_service.routes import (
 )
 from adret_service.settings import Settings
 from adret_service.storage import open_storage
+from adret_service.tokens import token_maker
 from adret_service.upkeep import Upkeep
 from adret_service.viewers import Viewers
 
@@ -152,4 +153,7 @@ def open_service(
     }
     buckets = {name: Buckets(Rate.parse(text)) for name, text in rates.items()}
     keys = KeyFile(settings.keys_file)
-    return Service(settings, engine, catalogue, storage, ingest, viewers, partials, keys, buckets)
+    tokens = token_maker(settings)
+    return Service(
+        settings, engine, catalogue, storage, ingest, viewers, partials, keys, buckets, tokens
+    )

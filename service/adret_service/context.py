@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated, cast
 
 from fastapi import Depends, Request, Response
-from fastapi.security import APIKeyHeader, HTTPAuthorizationCredentials, HTTPBearer
+from fastapi.security import APIKeyHeader, APIKeyQuery, HTTPAuthorizationCredentials, HTTPBearer
 
 from adret_service.auth import LOCAL, Credential, KeyFile
 from adret_service.datasets import DatasetCatalogue
@@ -16,12 +16,14 @@ from adret_service.rates import Buckets
 from adret_service.resuming import Partials
 from adret_service.settings import Settings
 from adret_service.storage import Storage
+from adret_service.tokens import TokenMaker
 from adret_service.viewers import Viewers
 
 __all__ = ["Service", "ServiceDep", "Tenant", "base_url"]
 
 BEARER = HTTPBearer(auto_error=False, description="An API key, where the service asks for one.")
 HEADER = APIKeyHeader(name="X-API-Key", auto_error=False, description="The same.")
+TOKEN = APIKeyQuery(name="token", auto_error=False, description="For maps: of a TileJSON document.")
 READING = ("GET", "HEAD")
 
 
@@ -38,6 +40,7 @@ class Service:
     partials: Partials
     keys: KeyFile | None = None
     rates: dict[str, Buckets] | None = None
+    tokens: TokenMaker | None = None
 
 
 # What every request needs is `async`: FastAPI sends each plain function to a thread, which takes
@@ -59,6 +62,7 @@ async def credential_of(
     response: Response,
     bearer: Annotated[HTTPAuthorizationCredentials | None, Depends(BEARER)],
     header: Annotated[str | None, Depends(HEADER)],
+    token: Annotated[str | None, Depends(TOKEN)],
 ) -> Credential:
     """Return who asks, if that one may, and not too often.
 
@@ -73,6 +77,8 @@ async def credential_of(
         return LOCAL
     secret = header if bearer is None else bearer.credentials
     found = None if secret is None else service.keys.find(secret)
+    if secret is None and token is not None and service.tokens is not None:
+        found = service.tokens.find(token, request.url.path)
     if found is None:
         headers = {"WWW-Authenticate": 'Bearer realm="adret"'}
         raise Problem(401, "an API key is needed, and this service must know it", headers=headers)

@@ -219,6 +219,7 @@ class TileGrid(Document):
     name: str
     scheme: Literal["xyz"]
     tiles: list[str]
+    map: str = Field(description="A page that shows them.")
     minzoom: int
     maxzoom: int = Field(description="At which a pixel is about a cell.")
     bounds: list[float] = Field(description="West, south, east, north [degrees, or cells].")

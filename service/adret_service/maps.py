@@ -32,6 +32,7 @@ PAGE = """<!doctype html>
 "use strict";
 const SIDE = 256, map = document.getElementById("map"), said = document.getElementById("said");
 const colours = document.getElementById("colours"), band = document.getElementById("band");
+const token = new URLSearchParams(location.search).get("token");
 let grid, zoom, x = 0, y = 0, tiles = new Map();   // x, y: middle of the view in pixels at `zoom`
 
 function project(lon, lat, z) {
@@ -46,6 +47,7 @@ const onEarth = () => grid.grid === "WebMercatorQuad";
 function address(z, tx, ty) {
   const query = new URLSearchParams({bidx: band.value});
   if (colours.value) query.set("colormap_name", colours.value);
+  if (token) query.set("token", token);
   return `tiles/${z}/${tx}/${ty}.png?${query}`;
 }
 function draw() {
@@ -92,7 +94,8 @@ map.onpointerup = async e => {
   const [lon, lat] = unproject(x + e.clientX - map.clientWidth / 2,
                                y + e.clientY - map.clientHeight / 2, zoom);
   const place = `${lat.toFixed(5)}, ${lon.toFixed(5)}`;
-  const answer = await fetch(`point?lon=${lon}&lat=${lat}&bidx=${band.value}`);
+  const answer = await fetch(`point?lon=${lon}&lat=${lat}&bidx=${band.value}${
+    token ? "&token=" + token : ""}`);
   const body = await answer.json();
   said.textContent = answer.ok ? `${place}: ${body.values[0] ?? "no data"} ${body.unit ?? ""}`
                                : `${place}: outside`;
@@ -102,7 +105,7 @@ document.getElementById("in").onclick = () => zoomTo(zoom + 1);
 document.getElementById("out").onclick = () => zoomTo(zoom - 1);
 band.onchange = colours.onchange = () => draw();
 addEventListener("resize", draw);
-fetch("tilejson.json").then(answer => answer.json()).then(found => {
+fetch(token ? `tilejson.json?token=${token}` : "tilejson.json").then(a => a.json()).then(found => {
   grid = found;
   for (const [i, name] of grid.bands.entries()) band.append(new Option(name, i + 1));
   const [west, south, east, north] = grid.bounds;

@@ -51,6 +51,8 @@ class Settings(BaseSettings):
     rate_api: str = "1200/m"
     rate_submit: str = "120/m"
     rate_tiles: str = "12000/m"
+    token_secret: str = Field(default="", repr=False)
+    token_seconds: float = Field(default=86400.0, gt=0)
     tenant_max_jobs: int = Field(default=100, ge=1)
     tenant_max_bytes: int = Field(default=50 * GIB, ge=1)
     tenant_cells_per_day: int = Field(default=100_000_000_000, ge=1)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 
@@ -127,17 +128,25 @@ def add_views(path: str, name: str, find: Callable[..., Raster]) -> None:
 
     @router.get(f"{path}/tilejson.json", operation_id=f"get{name}TileJson", response_model=TileGrid)
     async def get_tilejson(
-        raster: Found, request: Request, service: ServiceDep, base: BaseUrl
+        raster: Found, request: Request, service: ServiceDep, tenant: Tenant, base: BaseUrl
     ) -> dict[str, Any]:
-        """Say where tiles are and what they show, as TileJSON 3.0; keeps the query for them."""
+        """Say where tiles are and what they show, as TileJSON 3.0; keeps the query for them.
+
+        Where keys are asked for, the tiles' address carries a token: maps can send no header.
+        """
         found = await service.viewers.ask("tilegrid", raster.key)
         grid = dict(json.loads(found.body))
-        query = f"?{request.url.query}" if request.url.query else ""
+        kept = [(k, v) for k, v in request.query_params.multi_items() if k != "token"]
+        token = request.query_params.get("token")
+        if service.tokens is not None:
+            kept.append(("token", token or service.tokens.make(tenant, raster.path)))
+        query = f"?{urlencode(kept)}" if kept else ""
         return grid | {
             "tilejson": "3.0.0",
             "name": raster.path.strip("/"),
             "scheme": "xyz",
             "tiles": [f"{base}{raster.path}/tiles/{{z}}/{{x}}/{{y}}.png{query}"],
+            "map": f"{base}{raster.path}/map.html{query}",
         }
 
     @router.get(

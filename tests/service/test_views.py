@@ -18,7 +18,9 @@ from adret_service.app import create_app
 from adret_service.engine.memory import MemoryEngine
 from adret_service.engine.port import JobRecord
 from adret_service.ids import new_id
+from adret_service.problems import Problem
 from adret_service.settings import Settings
+from adret_service.viewers import Copies
 
 ZOOM, LEFT, TOP = 12, 2132, 1450
 CELL = 2.0 * 20037508.342789244 / 256 / 2**ZOOM
@@ -321,3 +323,45 @@ def test_a_process_that_died_is_started_again(client: AppClient, dataset: str) -
     began = time.monotonic()
     assert client.get(f"{dataset}/preview.png", params={"max_size": 78}).status_code == 200
     assert time.monotonic() - began < 20.0
+
+
+class Bucket:
+    """A store elsewhere: its files have to be fetched."""
+
+    def __init__(self) -> None:
+        self.fetched: list[str] = []
+
+    def exists(self, key: str) -> bool:
+        return not key.startswith("gone")
+
+    def local(self, key: str, folder: Path) -> Path:
+        self.fetched.append(key)
+        path = folder / "heights.tif"
+        path.write_bytes(key.encode() * 1000)
+        return path
+
+
+def test_copies_of_a_buckets_files_are_kept_up_to_a_limit(tmp_path: Path) -> None:
+    bucket = Bucket()
+    copies = Copies(bucket, tmp_path / "views", 2500)
+    first = copies.path("a")
+    assert first.read_bytes() == b"a" * 1000
+    assert copies.path("b") != first, "equal names, different files"
+    copies.path("a")
+    copies.path("c")
+    assert bucket.fetched == ["a", "b", "c"]
+    assert len([p for p in (tmp_path / "views").rglob("*") if p.is_file()]) == 2
+    assert first.exists(), "b was used least recently"
+    copies.path("b")
+    assert bucket.fetched[-1] == "b"
+    with pytest.raises(Problem, match="gone"):
+        copies.path("gone")
+
+
+def test_too_many_waiting_views_are_sent_away(
+    client: AppClient, dataset: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("adret_service.viewers.MAX_WAITING", -1)
+    answer = client.get(f"{dataset}/preview.png", params={"max_size": 33})
+    assert answer.status_code == 503
+    assert answer.headers["retry-after"] == "1"

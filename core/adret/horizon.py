@@ -1,20 +1,18 @@
 """Horizon maps: how high the terrain stands in each direction, seen from every cell."""
 
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from adret import methods
+from adret import horizon_files, methods
+from adret._gdal import PathLike
 from adret._kernels.frames import to_elevation
-from adret._values import one_of, real, whole
 from adret.azimuths import azimuth_set
 from adret.errors import InputError
-from adret.grids import RasterGrid
+from adret.horizon_options import NEAR_DEFAULT, HorizonOptions, Method
 from adret.report import RunReport, remember
 from adret.terrain import Terrain
 
@@ -28,78 +26,7 @@ __all__ = [
     "horizon_slopes",
 ]
 
-Method = Literal["sweep", "hull", "march", "exact"]
 Progress = Callable[[int, int], None]
-
-NEAR_DEFAULT = 32
-NEAR_MAX = 4096
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HorizonOptions:
-    """How a horizon is found; see `horizon_map` for the meaning of each field.
-
-    Raises
-    ------
-    InputError
-        If a value is out of range.
-    """
-
-    method: Method = "sweep"
-    near: int = NEAR_DEFAULT
-    max_distance: float | None = None
-    radius: float | None = None
-    refraction: float = 0.0
-    observer_height: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse what no kernel can serve."""
-        one_of("method", self.method, get_args(Method))
-        near = whole("near", self.near, f"a whole number from 0 to {NEAR_MAX}", 0, NEAR_MAX)
-        object.__setattr__(self, "near", near)
-        if self.max_distance is not None:
-            limit = "a distance above 0 m"
-            if real("max_distance", self.max_distance, limit, 0.0, math.inf) == 0.0:
-                raise InputError("max_distance", limit, self.max_distance)
-            if self.method == "hull":
-                raise InputError("max_distance", "None with method 'hull'", self.max_distance)
-        if self.radius is not None:
-            real("radius", self.radius, "a radius from 1 to 1e12 m, or None", 1.0, 1e12)
-        refraction = real("refraction", self.refraction, "between -1 and 1", -1.0, 1.0)
-        if refraction != 0.0 and self.radius is None:
-            raise InputError("refraction", "0 without a radius", self.refraction)
-        real("observer_height", self.observer_height, "between 0 and 1e6 m", 0.0, 1e6)
-
-    @property
-    def bend(self) -> float:
-        """Drop of the surface by curvature and refraction a square metre of way [1/m]."""
-        if self.radius is None:
-            return 0.0
-        return (1.0 - self.refraction) / (2.0 * self.radius)
-
-    @property
-    def range(self) -> float:
-        """Largest distance [m], infinity for none."""
-        return math.inf if self.max_distance is None else float(self.max_distance)
-
-    def halo(self, terrain: Terrain) -> int:
-        """Cells round a window of `terrain` that make its results those of the whole, in bytes.
-
-        Raises
-        ------
-        InputError
-            If `max_distance` is None: then a result may depend on the whole raster.
-        """
-        top, rows = terrain.origin[0], terrain.shape[0]
-        return self.halo_of(terrain.grid, top, top + rows)
-
-    def halo_of(self, grid: RasterGrid, start: int, stop: int) -> int:
-        """As `halo`, for receivers in rows start..stop of a raster."""
-        if self.max_distance is None:
-            raise InputError("max_distance", "a distance, to know a halo", None)
-        bands = grid.bands(start, stop, methods.MAX_AZIMUTH_ERROR)
-        smallest = min(min(band.cell_size) for band in bands)
-        return math.ceil(self.max_distance / smallest) + methods.POOL + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +53,72 @@ class HorizonMap:
     terrain: Terrain
     options: HorizonOptions
     report: RunReport
+
+    def save(
+        self,
+        path: PathLike,
+        *,
+        dtype: horizon_files.Stored = "uint16",
+        overwrite: bool = False,
+    ) -> None:
+        """Write the elevations [degrees]: complete, or not at all.
+
+        Parameters
+        ----------
+        path : path-like
+            A cloud-optimised GeoTIFF with one band an azimuth, or, where the name ends in
+            ``.zarr``, a Zarr store with the dimensions azimuth, y, x (needs the package zarr).
+        dtype : {"uint16", "uint8", "float32"}
+            Steps of 0.0027 degrees, of 0.71 degrees, or none. Scale, offset and nodata are in
+            the metadata, so that rasterio's ``scales`` and xarray give degrees back.
+        overwrite : bool
+            Whether a file that exists may be replaced.
+
+        Raises
+        ------
+        InputError, RasterError, OSError
+            If an option is out of range, or the place cannot be written.
+
+        Notes
+        -----
+        `distance` is not kept.
+
+        Examples
+        --------
+        >>> import numpy as np, adret, tempfile
+        >>> terrain = adret.Terrain(np.eye(4), (1.0, 1.0))
+        >>> found = adret.horizon_map(terrain, 8)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     found.save(f"{folder}/horizon.tif")
+        ...     again = adret.HorizonMap.open(f"{folder}/horizon.tif", terrain)
+        >>> bool(abs(np.degrees(again.elevation - found.elevation)).max() <= 0.0014)
+        True
+        """
+        horizon_files.save(self, path, dtype, overwrite)
+
+    @classmethod
+    def open(cls, path: PathLike, terrain: Terrain) -> "HorizonMap":
+        """Read what `save` wrote.
+
+        Parameters
+        ----------
+        path : path-like
+        terrain : Terrain
+            The one that the map was made from.
+
+        Returns
+        -------
+        HorizonMap
+            Elevations [radians], off by half a step at most; no distances.
+
+        Raises
+        ------
+        RasterError
+            If there is no such file, or it is no horizon map.
+        InputError
+            If the terrain has another shape.
+        """
+        return horizon_files.load(path, terrain)
 
 
 def horizon_map(

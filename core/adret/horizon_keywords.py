@@ -2,7 +2,7 @@
 
 from typing import TypedDict
 
-from adret.horizon import Method
+from adret.horizon_options import Method
 
 __all__ = ["HorizonKeywords"]
 

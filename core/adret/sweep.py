@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from adret import skips
 from adret._kernels.frames import copy_oriented, mask_nodata
 from adret._kernels.hull_sweep import RIGHT, hull_sweep
 from adret._kernels.hull_window import hull_sweep_within
@@ -67,13 +68,17 @@ class Direction:
 
     @classmethod
     def of(cls, azimuth: float, cell_size: tuple[float, float]) -> "Direction":
-        """Resolve an azimuth [radians clockwise from north], exact on axes and cell diagonals."""
+        """Resolve an azimuth [radians clockwise from north], exact on axes and cell diagonals.
+
+        Within `SNAP` of one of them, in cells, it is that one: rounding in an azimuth then moves
+        no ray off the raster's edge along which it runs.
+        """
         dx, dy = cell_size
         row, column = -math.cos(azimuth) / dy, math.sin(azimuth) / dx
         large = max(abs(row), abs(column))
-        row = 0.0 if abs(row) < 1e-12 * large else row
-        column = 0.0 if abs(column) < 1e-12 * large else column
-        if abs(abs(row) - abs(column)) < 1e-12 * large:
+        row = 0.0 if abs(row) < SNAP * large else row
+        column = 0.0 if abs(column) < SNAP * large else column
+        if abs(abs(row) - abs(column)) < SNAP * large:
             diagonal = 1.0 / math.hypot(dx, dy)
             row, column = math.copysign(diagonal, row), math.copysign(diagonal, column)
         swap = abs(column) > abs(row)
@@ -106,7 +111,6 @@ class _Stencil:
     offsets: NDArray[np.int64]
     p: Layer
     q: Layer
-    v: Layer
     k: Layer
     reach: Layer
 
@@ -163,7 +167,6 @@ def _stencil(
         offsets=table[:, [0, 1, 3, 4]].astype(np.int64),
         p=(table[:, 2] / distance).astype(np.float32),
         q=(table[:, 5] / distance).astype(np.float32),
-        v=(1.0 / distance).astype(np.float32),
         k=(-observer / distance - bend * distance).astype(np.float32),
         reach=distance.astype(np.float32),
     )
@@ -220,6 +223,7 @@ class SweepFrame:
         first = origin[1] if orientation.swap else origin[0]
         self._anchor = 1 - shape[0] - first if orientation.flip_rows else first
         self._best: Layer = np.empty(shape, np.float32)
+        self.left_out = 0  # receivers that no point of the raster's edge could raise, so far
         self._distance: Layer | None = None
 
     def _turn(self) -> tuple[bool, bool, bool]:
@@ -288,7 +292,7 @@ class SweepFrame:
             self.shape,
         )
         frame_rows, frame_columns = self._span(rows)
-        shared = (self._z, self._pad, stencil.offsets, stencil.p, stencil.q, stencil.v, stencil.k)
+        shared = (self._z, self._pad, stencil.offsets, stencil.p, stencil.q, stencil.k)
         if distance is None:
             far = np.empty((0, 0), np.float32)
             near_field(*shared, frame_rows, frame_columns, self._best)
@@ -376,6 +380,7 @@ class SweepFrame:
         else:
             hull_sweep(*shared, rows, columns, self._best, distance)
         rows_above, columns_left = self._pad
+        skipped = np.zeros(self.shape[0], np.int64)
         edge = np.append(self._z[rows_above:, columns_left], np.float32(np.nan))
         raise_by_edge(
             self._z,
@@ -384,11 +389,14 @@ class SweepFrame:
             f(self.near),
             edge,
             limits,
+            skips.wanted("far edge"),
             rows,
             columns,
             self._best,
             distance,
+            skipped,
         )
+        self.left_out += int(skipped.sum())
 
     def _write(self, layer: Layer, target: Layer, rows: tuple[int, int]) -> None:
         """Turn a frame layer back into rows of a raster layer and mask nodata."""

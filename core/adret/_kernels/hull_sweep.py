@@ -19,11 +19,13 @@ import math
 
 import numpy as np
 
-from adret._kernels.jit import greater, inline, kernel, parallel_kernel, prange
+from adret._kernels.jit import greater, index, inline, kernel, parallel_kernel, prange
 
 SNAP = 1e-9  # cells: a line this near to a vertex passes it
 RIGHT = 5  # columns of NaN that a frame needs on the right
 STRIP = 128  # lines a strip; a strip's vertices and hull tops stay in the nearest caches
+LINES = np.uintp(STRIP + 1)
+TWO_LINES = np.uintp(2 * (STRIP + 1))
 NOTHING = np.float32(-np.inf)
 
 
@@ -114,18 +116,16 @@ def _between(left_z, left_s, right_z, right_s, weight, here, c, shear, reach):
 
     Heights and distances are interpolated, not slopes: a plane is then exact however far apart
     the vertices lie. A vertex beyond reach, or beyond the point where the own ray leaves the
-    raster, does not count; where neither does, the height is -inf.
+    raster, does not count, and the one beside it then neither: alone it lies off the ray, and a
+    steep plane would seem to stand above itself. The height is then -inf.
     """
     right = here - right_s
     left = here - left_s
-    right_counts = (right * shear <= c) & (right <= reach) & (right_z > NOTHING)
-    left_counts = (left * shear <= c) & (left <= reach) & (left_z > NOTHING)
-    right_h = right_z if right_counts else (left_z if left_counts else NOTHING)
-    right_d = right if right_counts else left
-    left_h = left_z if left_counts else right_h
-    left_d = left if left_counts else right_d
+    counts = (right * shear <= c) & (right <= reach) & (right_z > NOTHING)
+    counts &= (left * shear <= c) & (left <= reach) & (left_z > NOTHING)
     share = np.float32(1.0) - weight
-    return right_h * share + left_h * weight, right_d * share + left_d * weight
+    height = right_z * share + left_z * weight
+    return height if counts else NOTHING, right * share + left * weight
 
 
 @kernel
@@ -135,8 +135,9 @@ def _gather(left_z, left_s, right_z, right_s, receiver, best, weight, here, limi
     `limits`: observer height, 1 / step length, bend · step length, shear, reach in steps.
     """
     observer, per_step, drop, shear, reach = limits
+    first = np.float32(column)
     for x in range(len(best)):
-        c = np.float32(column + x)
+        c = first + np.float32(np.int32(x))
         height, steps = _between(
             left_z[x], left_s[x], right_z[x], right_s[x], weight, here, c, shear, reach
         )
@@ -150,8 +151,9 @@ def _gather_distance(
 ):
     """As `_gather`, and keep the distance to that point."""
     observer, per_step, drop, shear, reach = limits
+    first = np.float32(column)
     for x in range(len(best)):
-        c = np.float32(column + x)
+        c = first + np.float32(np.int32(x))
         height, steps = _between(
             left_z[x], left_s[x], right_z[x], right_s[x], weight, here, c, shear, reach
         )
@@ -216,6 +218,9 @@ def _query_and_insert(
     `far` counts the vertices at the bottom of each stack that lie beyond the near field: by
     convexity the tangent among them is the topmost. A line without a sample here (outside the
     raster, or nodata) keeps its latest vertex.
+
+    The stacks of all lines are one flat array: vertex k of a line is at k · LINES + line, and
+    `size` and `far` hold such places, which saves the products and tests of two indices.
     """
     for line in range(len(height)):
         z = height[line]
@@ -223,40 +228,41 @@ def _query_and_insert(
             continue
         s = position[line]
         z -= bend * s * s
-        k = size[line]
+        first = index(line)
+        end = size[line]  # where the next vertex goes
         beyond = far[line]
-        if k > 0:
-            rise = hull_z[k - 1, line] - z
-            away = s - hull_s[k - 1, line]
-            while k > 1:
-                next_rise = hull_z[k - 2, line] - z
-                next_away = s - hull_s[k - 2, line]
+        if end > first:
+            rise = hull_z[end - LINES] - z
+            away = s - hull_s[end - LINES]
+            while end > first + LINES:
+                next_rise = hull_z[end - TWO_LINES] - z
+                next_away = s - hull_s[end - TWO_LINES]
                 if next_rise * away < rise * next_away:
                     break
-                k -= 1
+                end -= LINES
                 rise = next_rise
                 away = next_away
-            beyond = min(beyond, k)
-            while beyond < k and s - hull_s[beyond, line] > near:
-                beyond += 1
-            q = beyond - 1
-            if observer > 0.0:
-                eye = z + observer
-                while q > 0 and (hull_z[q - 1, line] - eye) * (s - hull_s[q, line]) >= (
-                    hull_z[q, line] - eye
-                ) * (s - hull_s[q - 1, line]):
-                    q -= 1
-            if q >= 0:
-                at = hull_s[q, line]
+            beyond = min(beyond, end)
+            while beyond < end and s - hull_s[beyond] > near:
+                beyond += LINES
+            if beyond > first:
+                q = beyond - LINES
+                if observer > 0.0:
+                    eye = z + observer
+                    while q > first and (hull_z[q - LINES] - eye) * (s - hull_s[q]) >= (
+                        hull_z[q] - eye
+                    ) * (s - hull_s[q - LINES]):
+                        q -= LINES
+                at = hull_s[q]
                 vertex_s[line] = at
-                vertex_z[line] = hull_z[q, line] + bend * at * at
+                vertex_z[line] = hull_z[q] + bend * at * at
             else:
                 vertex_s[line] = np.float32(-1.0)
                 vertex_z[line] = NOTHING
         far[line] = beyond
-        hull_s[k, line] = s
-        hull_z[k, line] = z
-        size[line] = k + 1
+        hull_s[end] = s
+        hull_z[end] = z
+        size[line] = end + LINES
 
 
 @inline
@@ -305,10 +311,13 @@ def hull_sweep(z, pad, width, t, anchor, pool, near, bend, limits, rows, columns
     for strip in prange(strip_count(t, anchor, rows, columns)):
         first = first_line(t, anchor, strip, rows, columns)
         depth = rows[1] // pool + 2
-        hull_z = np.empty((depth, STRIP + 1), np.float32)
-        hull_s = np.empty((depth, STRIP + 1), np.float32)
-        size = np.zeros(STRIP + 1, np.int32)
-        far = np.zeros(STRIP + 1, np.int32)
+        hull_z = np.empty(depth * (STRIP + 1), np.float32)
+        hull_s = np.empty(depth * (STRIP + 1), np.float32)
+        size = np.empty(STRIP + 1, np.uintp)
+        far = np.empty(STRIP + 1, np.uintp)
+        for line in range(STRIP + 1):
+            size[line] = line
+            far[line] = line
         f = np.zeros(4, np.float32)
         steps = np.zeros(4, np.float32)
         height = np.empty(STRIP + 1, np.float32)
@@ -317,8 +326,7 @@ def hull_sweep(z, pad, width, t, anchor, pool, near, bend, limits, rows, columns
         vertex_s = np.full(STRIP + 1, np.float32(-1.0))
         for begin in range(-(anchor % pool), rows[1], pool):
             start = max(begin, 0)
-            # Whole pools, also where the receivers end: a part is then as the whole.
-            stop = min(begin + pool, z.shape[0] - pad[0])
+            stop = min(begin + pool, rows[1])
             pool_samples(z, pad, t, anchor, first, width, start, stop, f, steps, height, position)
             _query_and_insert(
                 height,

@@ -23,23 +23,25 @@ def _offset(shear, j):
 
 
 @kernel
-def _one_step(line, column, cell, p, q, v, k, z):
+def _one_step(line, column, cell, p, q, k, z):
     """Slope of one sample; NaN outside the raster or beside nodata."""
     left = column - cell - (1 if q > 0.0 else 0)
     if left < 0:
         return np.float32(np.nan)
-    return line[column - cell] * p + line[left] * q - z * v + k
+    return (line[column - cell] - z) * p + (line[left] - z) * q + k
 
 
 @parallel_kernel
 def march(z, pad, width, shear, step, count, bend, observer, rows, columns, best):
     """Fill `best` with the slope of the highest of `count` samples along each cell's ray."""
+    flat = z.reshape(z.size)
     for i in prange(rows[0], rows[1]):
         p = np.empty(4, np.float32)
         q = np.empty(4, np.float32)
-        v = np.empty(4, np.float32)
         k = np.empty(4, np.float32)
         cells = np.empty(4, np.int64)
+        right = np.empty(4, np.int64)
+        left = np.empty(4, np.int64)
         out = best[i, columns[0] : columns[1]]
         out[:] = -np.inf
         receiver = z[i + pad[0], pad[1] : pad[1] + width]
@@ -52,36 +54,18 @@ def march(z, pad, width, shear, step, count, bend, observer, rows, columns, best
                 cells[u] = cell
                 p[u] = (1.0 - weight) / way
                 q[u] = weight / way
-                v[u] = 1.0 / way
                 k[u] = -observer / way - bend * way
             lo = min(columns[1], max(columns[0], cells[3] + 1))
             for u in range(4):
-                line = z[i + pad[0] - min(j0 + u, steps), pad[1] : pad[1] + width]
+                j = min(j0 + u, steps)
+                line = z[i + pad[0] - j, pad[1] : pad[1] + width]
                 for c in range(max(columns[0], cells[u]), lo):
-                    slope = _one_step(line, c, cells[u], p[u], q[u], v[u], k[u], receiver[c])
+                    slope = _one_step(line, c, cells[u], p[u], q[u], k[u], receiver[c])
                     if slope > out[c - columns[0]]:
                         out[c - columns[0]] = slope
-            if lo >= columns[1]:
-                continue
-            r = i + pad[0]
-            # With weight 0 the left-hand cell must not matter, even where it is NaN.
-            s = pad[1] + lo - cells
-            e = pad[1] + columns[1] - cells
-            t = s - (q > 0.0)
-            w = e - (q > 0.0)
-            four_crossings(
-                z[r - j0, s[0] : e[0]],
-                z[r - j0, t[0] : w[0]],
-                z[r - min(j0 + 1, steps), s[1] : e[1]],
-                z[r - min(j0 + 1, steps), t[1] : w[1]],
-                z[r - min(j0 + 2, steps), s[2] : e[2]],
-                z[r - min(j0 + 2, steps), t[2] : w[2]],
-                z[r - min(j0 + 3, steps), s[3] : e[3]],
-                z[r - min(j0 + 3, steps), t[3] : w[3]],
-                receiver[lo : columns[1]],
-                out[lo - columns[0] :],
-                p,
-                q,
-                v,
-                k,
-            )
+                # With weight 0 the left-hand cell must not matter, even where it is NaN.
+                right[u] = -j * z.shape[1] - cells[u]
+                left[u] = right[u] - (1 if q[u] > 0.0 else 0)
+            if lo < columns[1]:
+                here = (i + pad[0]) * z.shape[1] + pad[1] + lo
+                four_crossings(flat, right, left, here, out[lo - columns[0] :], p, q, k)

@@ -12,9 +12,10 @@ import numpy as np
 from adret._kernels.jit import greater, index, kernel, parallel_kernel, prange
 
 SNAP = 1e-9
-
-
 NOTHING = np.float32(-np.inf)
+ZERO = np.float32(0.0)
+MILLIONTH = np.float32(1e-6)
+BLOCK = 64  # receivers that are tested together
 
 
 @kernel
@@ -47,19 +48,40 @@ def _through_column(edge, receiver, slope, i, first, per_column, limits):
 
 
 @kernel
+def _can_rise(receiver, best, top, i, first, per_column, limits):
+    """Whether some receiver's slope to a point as high as `top` in column 0 would exceed `best`."""
+    observer, per_step, drop, _, _ = limits
+    nearest = np.float32(first * per_column)
+    farthest = np.float32((first + len(best) - 1) * per_column)
+    near, far = per_step / nearest, per_step / farthest
+    lower = drop * nearest
+    hopes = 0
+    for x in range(len(best)):
+        rise = top - receiver[x] - observer
+        bound = rise * (near if rise > ZERO else far) - lower
+        # A millionth more than the bound: far more than rounding can take from it.
+        hopes += bound + abs(bound) * MILLIONTH > best[x]
+    return hopes > 0
+
+
+@kernel
 def _raise(slope, best):
     for x in range(len(best)):
         best[x] = greater(greater(slope[x], best[x]), NOTHING)
 
 
 @parallel_kernel
-def raise_by_edge(z, pad, t, near, edge, limits, rows, columns, best, distance):
+def raise_by_edge(z, pad, t, near, edge, limits, skip, rows, columns, best, distance, skipped):
     """Raise `best` by the crossing at which each cell's ray leaves, beyond the near field.
 
     Parameters are those of `hull_sweep`; `edge` is column 0 without its padding, and one more
-    entry, contiguous.
+    entry, contiguous. With `skip`, blocks of receivers that even the highest point of
+    column 0 could not raise are left out, and `skipped` (n,) counts their receivers.
     """
     _, per_step, _, _, reach = limits
+    top = NOTHING
+    for each in edge:
+        top = greater(each, top)
     for i in prange(rows[0], rows[1]):
         slope = np.full(columns[1] - columns[0], NOTHING)
         receiver = z[i + pad[0], pad[1] + columns[0] : pad[1] + columns[1]]
@@ -86,9 +108,14 @@ def raise_by_edge(z, pad, t, near, edge, limits, rows, columns, best, distance):
         if t > 0.0:
             lo = max(columns[0], math.floor(near * t) + 1)
             hi = min(first, math.floor(min(reach, 1e9) * t) + 1)
-            if lo < hi:
-                part = slice(lo - columns[0], hi - columns[0])
-                _through_column(edge, receiver[part], slope[part], i, lo, 1.0 / t, limits)
+            for start in range(lo, hi, BLOCK):
+                stop = min(start + BLOCK, hi)
+                part = slice(start - columns[0], stop - columns[0])
+                known = best[i, start:stop]
+                if skip and not _can_rise(receiver[part], known, top, i, start, 1.0 / t, limits):
+                    skipped[i] += stop - start
+                else:
+                    _through_column(edge, receiver[part], slope[part], i, start, 1.0 / t, limits)
         out = best[i, columns[0] : columns[1]]
         if distance.shape[0] > 0:
             for x in range(len(out)):

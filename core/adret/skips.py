@@ -1,0 +1,51 @@
+"""What a run may leave out because it cannot change the result, and how to switch that off.
+
+Every skip has a name here, a test that the result is the same bytes without it, and a count in
+`RunReport.skipped`. The environment variable ``ADRET_SKIP`` set to ``none`` switches all of them
+off; unset or ``all``, all are on.
+"""
+
+import os
+
+from adret.errors import InputError
+
+__all__ = ["SKIPS", "wanted"]
+
+SKIPS: dict[str, str] = {
+    "dark azimuths": "azimuths from which no light comes above any receiver's plane",
+    "nodata": "receivers without a height",
+    "far edge": "receivers that not even the highest point of the raster's edge could raise",
+    "far field": "azimuths whose far field cannot rise over the near horizon",
+    "same azimuths": "azimuths given more than once",
+}
+"""Skip -> what is left out."""
+
+
+def wanted(name: str) -> bool:
+    """Whether a skip is on.
+
+    Parameters
+    ----------
+    name : str
+        One of `SKIPS`.
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    InputError
+        If ``ADRET_SKIP`` is neither "all" nor "none", or there is no such skip.
+
+    Examples
+    --------
+    >>> wanted("far edge")
+    True
+    """
+    if name not in SKIPS:
+        raise InputError("skip", f"one of {', '.join(SKIPS)}", name)
+    chosen = os.environ.get("ADRET_SKIP", "all")
+    if chosen not in ("all", "none"):
+        raise InputError("ADRET_SKIP", "all or none", chosen)
+    return chosen == "all"

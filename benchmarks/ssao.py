@@ -16,6 +16,7 @@ import os
 import time
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -89,7 +90,7 @@ def split(
     judged: NDArray[np.bool_] | None = None,
 ) -> Entry:
     """Error figures of the sampled pixels, all and in each stratum; or of those that are judged."""
-    stratum = case.strata[case.sample]
+    stratum = case.strata[case.sample][case.part]
     chosen = np.ones(found.shape, dtype=bool) if judged is None else judged
     parts = {"all": chosen}
     for k, name in enumerate(STRATA):
@@ -112,11 +113,11 @@ def ledger_row(case: Case, run: Run, references: References, limits: dict[str, A
     }
     try:
         warm(case, run)
-        result, spent = timed(case.buffer, run.method, run.options)
+        result, spent = timed(case.shown, run.method, run.options)
     except InputError as error:  # an option that this version's method does not have
         return {**entry, "left_out": str(error)}
     entry |= spent
-    found = result.occlusion[case.sample].astype(np.float64)
+    found = case.at_judged(result.occlusion)
     if run.truth is not None:
         truth = run.truth(references)
         judged = truth.confidence > 0.999 if run.volume else None
@@ -126,7 +127,7 @@ def ledger_row(case: Case, run: Run, references: References, limits: dict[str, A
     elif run.limit is not None:
         key = repr((run.method, sorted(run.limit.items())))
         if key not in limits:
-            limits[key] = timed(case.buffer, run.method, run.limit)[0].occlusion[case.sample]
+            limits[key] = case.at_judged(timed(case.shown, run.method, run.limit)[0].occlusion)
         entry["own"] = split(case, found, limits[key])
         entry["own_is_limit"] = True
         entry["limit_options"] = run.limit
@@ -154,21 +155,21 @@ def ledger(cases: list[Case], rays: int, quick: bool) -> Iterator[Entry]:
     """All methods on all cases, case by case."""
     for case in cases:
         references = References(case, rays)
-        print(f"{case.name}: {len(case.sample[0])} pixels, radius {case.radius:g}", flush=True)
+        print(f"{case.name}: {case.part.sum()} pixels, radius {case.radius:g}", flush=True)
         entries: list[Entry] = []
         limits: dict[str, Any] = {}
         for run in runs_of(case, quick):
             entries.append(ledger_row(case, run, references, limits))
             show(entries[-1])
         truth = references.get("cosine")
-        rows, columns = case.sample
-        stratum = case.strata[rows, columns]
+        stratum = case.strata[case.sample][case.part]
         entry: Entry = {
             "name": case.name,
             "credit": CREDITS.get(case.name, "made for this benchmark"),
             "shape": case.buffer.shape,
             "frame": case.buffer.frame,
-            "pixels": len(rows),
+            "pixels": len(stratum),
+            "rows": case.rows,
             "strata": {name: int((stratum == k).sum()) for k, name in enumerate(STRATA)},
             "radius": case.radius,
             "thickness": case.thickness,
@@ -297,6 +298,9 @@ def main() -> None:
     )
     parser.add_argument("--present", action="store_true", help="write tables and plots anew")
     parser.add_argument("--cases", nargs="*", help="names of depth buffers, for --ledger")
+    parser.add_argument(
+        "--rows", type=int, help="for --ledger: judge so many rows in the frame's middle"
+    )
     asked = parser.parse_args()
     if asked.timing == []:
         asked.timing = list(TIMES)
@@ -307,7 +311,9 @@ def main() -> None:
         run_quick(path)
     if asked.full or asked.ledger:
         cases = [c for name in (*REAL, *MADE) if (c := case_of(name)) is not None]
-        wanted = [c for c in cases if not asked.cases or c.name in asked.cases]
+        wanted = [
+            replace(c, rows=asked.rows) for c in cases if not asked.cases or c.name in asked.cases
+        ]
         for each in ledger(wanted, RAYS, quick=False):
             results = kept(path)
             known = {old["name"]: old for old in results.get("ledger", [])}

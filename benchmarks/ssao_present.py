@@ -191,11 +191,12 @@ def _speed(scaling: Entry) -> list[str]:
 def _case(case: Entry) -> list[str]:
     columns, rows = case["shape"][1], case["shape"][0]
     shares = ", ".join(f"{case['strata'][s]} {s}" for s in STRATA)
+    band = f" of {case['rows']} rows in the middle" if case.get("rows") else ""
     lines = [
         "",
         f"## {case['name']}, {columns} x {rows}",
         "",
-        f"{case['pixels']} pixels ({shares}); R {case['radius']:g}, thickness "
+        f"{case['pixels']} pixels{band} ({shares}); R {case['radius']:g}, thickness "
         f"{case['thickness']:g}, r {case['timonen']:g}; mean occlusion "
         f"{case['mean_occlusion']:.3f}, confidence {case['confidence']:.3f}. Reference "
         f"{case['rays']} rays; its own noise "

@@ -122,10 +122,12 @@ class References:
         if path.is_file():
             with np.load(path) as kept:
                 names = [each for each in kept.files if each not in ("confidence", "rays", "cpu")]
-                return {
-                    each: RaySample(kept[each], kept["confidence"], None, int(kept["rays"]))
-                    for each in names
-                }
+                return self._judged(
+                    {
+                        each: RaySample(kept[each], kept["confidence"], None, int(kept["rays"]))
+                        for each in names
+                    }
+                )
         start = time.process_time()
         found = make()
         spent = time.process_time() - start
@@ -143,7 +145,14 @@ class References:
             cpu=spent,
             **{each: sample.halves for each, sample in found.items()},  # type: ignore[arg-type]
         )
-        return found
+        return self._judged(found)
+
+    def _judged(self, found: dict[str, RaySample]) -> dict[str, RaySample]:
+        part = self.case.part
+        return {
+            name: RaySample(each.halves[:, part], each.confidence[part], None, each.rays)
+            for name, each in found.items()
+        }
 
 
 def embree(case: Case, counts: tuple[int, ...], seed: int = 5) -> list[Entry]:
@@ -174,7 +183,7 @@ def embree(case: Case, counts: tuple[int, ...], seed: int = 5) -> list[Entry]:
     built = time.process_time() - start
     rng = np.random.default_rng(seed)
     row0, _, column0, _ = case.buffer.frame
-    rows, columns = case.sample[0] + row0, case.sample[1] + column0
+    rows, columns = case.sample[0][case.part] + row0, case.sample[1][case.part] + column0
     normal = field.normal[:, rows, columns].astype(np.float64).T
     eye = case.buffer.camera.position(rows, columns, field.depth[rows, columns]).T
     start_points = eye + 1e-4 * case.pixel_size * normal

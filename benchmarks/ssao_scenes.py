@@ -48,6 +48,8 @@ class Case:
     buffer: DepthBuffer
     pixels: int
     seed: int = 0
+    rows: int | None = None
+    """Rows in the middle of the frame that methods are run and judged on; None for all of them."""
 
     @cached_property
     def pixel_size(self) -> float:
@@ -91,6 +93,44 @@ class Case:
         rng = np.random.default_rng(self.seed)
         chosen = np.sort(rng.permutation(len(rows))[: self.pixels])
         return rows[chosen], columns[chosen]
+
+    @cached_property
+    def part(self) -> NDArray[np.bool_]:
+        """Which of the sampled pixels are judged."""
+        row0, row1, _, _ = self.frame
+        above = row0 - self.buffer.frame[0]
+        rows = self.sample[0]
+        return (rows >= above) & (rows < above + row1 - row0)
+
+    @property
+    def frame(self) -> tuple[int, int, int, int]:
+        """row0, row1, column0, column1 of what methods are run on."""
+        row0, row1, column0, column1 = self.buffer.frame
+        spare = 0 if self.rows is None else max(row1 - row0 - self.rows, 0)
+        return row0 + spare // 2, row1 - (spare - spare // 2), column0, column1
+
+    @cached_property
+    def shown(self) -> DepthBuffer:
+        """The buffer with that frame."""
+        if self.rows is None:
+            return self.buffer
+        height, width = self.buffer.shape
+        row0, row1, column0, column1 = self.frame
+        return DepthBuffer(
+            np.where(np.isnan(self.buffer.depth), np.inf, self.buffer.depth),
+            self.buffer.camera,
+            guard_band=(row0, width - column1, height - row1, column0),
+            normals=self.buffer.field.normal,
+        )
+
+    def at_judged(self, image: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Values of a result at the judged pixels."""
+        rows, columns = self.sample
+        above = self.frame[0] - self.buffer.frame[0]
+        found: NDArray[np.float64] = image[rows[self.part] - above, columns[self.part]].astype(
+            np.float64
+        )
+        return found
 
     @cached_property
     def digest(self) -> str:

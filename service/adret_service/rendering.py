@@ -18,7 +18,9 @@ import numpy as np
 import rasterio
 from morecantile import TileMatrixSet, tms
 from numpy.typing import NDArray
-from rasterio.errors import NotGeoreferencedWarning
+from rasterio._err import CPLE_BaseError
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.warp import transform_bounds
 from rasterio.windows import Window
 from rio_tiler import reader
 from rio_tiler.colormap import cmap
@@ -59,11 +61,22 @@ def raster(source: Reader) -> Any:
 
 
 def on_earth(source: Reader) -> bool:
-    """Whether the raster has a place on the Earth."""
+    """Whether the raster has a place on the Earth that can be told in degrees."""
     if source.crs is None:
         return False
-    radius = body_radius(parse_crs(source.crs.to_wkt()))
-    return radius is not None and EARTH[0] < radius < EARTH[1]
+    return _on_earth(source.crs.to_wkt(), tuple(source.bounds))
+
+
+@lru_cache(maxsize=1024)
+def _on_earth(wkt: str, bounds: tuple[float, float, float, float]) -> bool:
+    radius = body_radius(parse_crs(wkt))
+    if radius is None or not EARTH[0] < radius < EARTH[1]:
+        return False
+    try:
+        degrees = transform_bounds(wkt, GRID.rasterio_geographic_crs, *bounds)
+    except (RasterioError, CPLE_BaseError):
+        return False
+    return bool(np.isfinite(degrees).all())
 
 
 def tile_grid(source: Reader) -> dict[str, Any]:

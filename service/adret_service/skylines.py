@@ -90,6 +90,9 @@ def skyline(
     if info.get("crs") is None or info.get("transform") is None:
         raise invalid(FieldError("crs", "known, to find a place by longitude and latitude", None))
     crs = crs_of(info["crs"])
+    if geodesy.body_radius(crs) is None:
+        error = FieldError("crs", "tied to the Earth or to another body", crs.name)
+        raise invalid(error)
     transform = rasterio.Affine(*info["transform"])
     x, y = to_crs(info["crs"]).transform(lon, lat)
     column = floor((x - transform.c) / transform.a)

@@ -161,8 +161,14 @@ def test_nodata_and_rasters_without_a_place_have_no_horizon(
     assert answer.status_code == 404
     assert "has data" in answer.json()["detail"]
     bare = write_dem(tmp_path / "bare.tif", np.ones((9, 9), np.float32), crs=None)
-    answer = client.get(f"{sent(client, bare)}/horizon", params={"lat": 45, "lon": 9})
-    assert answer.json()["errors"][0]["field"] == "crs"
+    arena = 'LOCAL_CS["arena",UNIT["metre",1]]'
+    tied_to_nothing = write_dem(tmp_path / "a.tif", np.ones((9, 9), np.float32), crs=arena)
+    for path in (bare, tied_to_nothing):
+        url = sent(client, path)
+        answer = client.get(f"{url}/horizon", params={"lat": 45, "lon": 9})
+        assert answer.status_code == 400, answer.text
+        assert answer.json()["errors"][0]["field"] == "crs"
+        assert client.get(f"{url}/tilejson.json").json()["grid"] == "cells"
 
 
 def test_of_a_large_raster_a_window_round_the_cell_is_read(tmp_path: Path) -> None:

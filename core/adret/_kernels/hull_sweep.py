@@ -326,7 +326,8 @@ def hull_sweep(z, pad, width, t, anchor, pool, near, bend, limits, rows, columns
         vertex_s = np.full(STRIP + 1, np.float32(-1.0))
         for begin in range(-(anchor % pool), rows[1], pool):
             start = max(begin, 0)
-            stop = min(begin + pool, rows[1])
+            # Whole pools, also where the receivers end: a tile is then as the whole.
+            stop = min(begin + pool, z.shape[0] - pad[0])
             pool_samples(z, pad, t, anchor, first, width, start, stop, f, steps, height, position)
             _query_and_insert(
                 height,

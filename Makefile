@@ -30,7 +30,7 @@ demo: $(STAMP) ## Light the Aletsch region: horizons, sky view, shadow, a lit pi
 	@$(BIN)/python examples/demo.py
 
 test: $(DEVELOP) ## Run the tests (library, command line, service through a real server)
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile
 
 stress: $(DEVELOP) ## Run the slow checks
 	$(BIN)/python -m pytest -q -m slow

@@ -149,12 +149,12 @@ def test_an_option_that_the_method_does_not_know_fails_the_job_by_name(
     assert "thickness: must be an option of 'hbao'" in status["message"]
 
 
-def test_submit_sends_a_depth_buffer_with_its_camera(
+def test_run_sends_a_depth_buffer_with_its_camera(
     server: Server, depth_file: Path, tmp_path: Path
 ) -> None:
     camera, out = tmp_path / "camera.json", tmp_path / "ao.tif"
     camera.write_text(json.dumps(LENS))
-    command = [ADRET, "submit", depth_file, "--process", "ssao", "--camera", camera]
+    command = [ADRET, "run", "ssao", depth_file, "--camera", camera]
     command += ["-i", 'method="hbao"', "-i", "radius=2", "--out", out, "--url", server.url]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr

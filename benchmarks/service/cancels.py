@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from common import TICK, cpu_seconds, quantile, record, serving
-from servers import Server, descendants, write_dem
+from servers import Server, descendants, wait_for, write_dem
 
 QUIET = 0.4  # seconds of almost no CPU time after which the work has ended
 IDLE = 0.1  # share of a core that waiting processes may use
@@ -45,7 +45,7 @@ def stop_time(server: Server, job: str) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeat", type=int, default=50)
-    parser.add_argument("--side", type=int, default=3000)
+    parser.add_argument("--side", type=int, default=4000)
     parser.add_argument("--keep", action="store_true", help="Write the results' file.")
     options = parser.parse_args()
     figures = measure(options.repeat, options.side)
@@ -66,9 +66,9 @@ def measure(repeat: int, side: int) -> dict[str, Any]:
         assert server.process is not None
         threads = None
         for _ in range(repeat):
-            job = server.submit("sky-view", dataset=dataset, directions=32, method="march")
-            server.wait(job, "running")
-            time.sleep(random_.uniform(0.5, 1.5))
+            job = server.submit("sky-view", dataset=dataset, directions=24, method="march")
+            wait_for(lambda job=job: server.status(job)["progress"] > 0, 60.0, server.log)
+            time.sleep(random_.uniform(0.0, 0.5))
             times.append(stop_time(server, job))
             server.wait(job, "dismissed")
             time.sleep(0.3)

@@ -17,20 +17,20 @@ __all__ = ["Cost", "cost", "seconds"]
 
 # (process, method): nanoseconds a cell and pass, and a cell, pass and cell of reach; one core.
 SPEEDS: dict[tuple[str, str], tuple[float, float]] = {
-    ("horizon", "sweep"): (75.0, 0.0),
-    ("horizon", "hull"): (200.0, 0.0),
-    ("horizon", "march"): (30.0, 1.6),
-    ("horizon", "exact"): (0.0, 33.0),
-    ("bounce", ""): (450.0, 1.5),
-    ("viewshed", ""): (20.0, 1.8),
+    ("horizon", "sweep"): (32.0, 0.0),
+    ("horizon", "hull"): (80.0, 0.0),
+    ("horizon", "march"): (12.0, 0.65),
+    ("horizon", "exact"): (0.0, 13.0),
+    ("bounce", ""): (220.0, 0.75),
+    ("viewshed", ""): (10.0, 0.9),
     ("visibility", "rays"): (0.0, 1.05),
-    ("visibility", "tree"): (400.0, 0.0),
-    ("visibility", "march"): (350.0, 6.7),
-    ("ssao", ""): (10.0, 0.0),
+    ("visibility", "tree"): (200.0, 0.0),
+    ("visibility", "march"): (300.0, 6.0),
+    ("ssao", ""): (110.0, 0.0),
 }
 LIKE_HORIZON = ("sky-view", "openness", "shadow", "light")
-STORED = 290.0  # nanoseconds to store a number of one of many bands
-PICTURED = 1500.0  # nanoseconds a cell for the raster of one band and its picture
+STORED = 130.0  # nanoseconds to store a number of one of many bands
+PICTURED = 650.0  # nanoseconds a cell for the raster of one band and its picture
 START = 0.05  # seconds to begin and to end a job
 FACTOR = 3.0  # measured seconds lie within this factor of the line on the machine of the benchmark
 ENOUGH = 5  # jobs from which on their times count more than the line

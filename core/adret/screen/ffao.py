@@ -24,7 +24,7 @@ __all__ = ["Options", "estimate"]
 KINDS = {"sectors": kernels.SECTORS, "lines": kernels.LINES, "mipmaps": kernels.MIPMAPS}
 BIAS = 0.02
 """Slope by which a peak may fall towards the receiver and still be the peak."""
-LEAN = 0.5
+LEAN = 0.75
 """Where between an interval's near end and its peak a slab meets the horizon so far."""
 PARTS = 8
 """Parts of a row that places are rounded to which lie between rows."""
@@ -88,7 +88,7 @@ class Options(FalloffOptions):
 
 
 def estimate(field: Field, options: Options, progress: Progress | None) -> Estimate:
-    """Occlusion by scans along parallel lines, prefix sums across them, and tabulated slabs.
+    """Occlusion by scans along parallel lines, prefix sums across them, and slabs of any falloff.
 
     Parameters
     ----------
@@ -110,12 +110,19 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     kept. Peaks form a pyramid of intervals twice as long a level, and each interval's prefix sums
     over the lines, in float64, give the mean peak over a sector's width in constant time. Each
     pixel meets one or two intervals of each level, so its cost grows with the logarithm of the
-    image's size, and neither with the radius nor with the falloff, which only fills a table.
+    image's size, and neither with the radius nor with the falloff.
+
+    `thickness`, as in the paper's section 11, is that of the points that slabs hang from: each
+    closes from the horizon so far, or from what lies `thickness` behind it, to itself. Of an
+    interval that is its highest point alone, and what lies below the horizon so far closes nothing
+    any more. So a surface that deepens by more than `thickness` an interval lets light through,
+    and so do gaps that something farther would fill: less than the occlusion by solids of that
+    thickness that "raytraced" and "exact" give (means on two made scenes: 0.08 less).
 
     Changed from the paper, each for less error (`docs/explanation/far-field-obscurance.md`):
     heights are 1/z in perspective, so that means of points of a plane lie in the plane; the peak is
-    a point of the surface; slabs lean; the table is exact in the normal and the slab's angle; the
-    sum is divided by what all directions could give. `peaks` "receiver angles" takes the second
+    a point of the surface; slabs lean; they are integrated, not looked up; the sum is divided by
+    what all directions could give. `peaks` "receiver angles" takes the second
     and the third change back.
 
     References

@@ -9,6 +9,7 @@ the CPU time of the computing processes is looked at until it stands still.
 import argparse
 import json
 import random
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -45,19 +46,20 @@ def stop_time(server: Server, job: str) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeat", type=int, default=50)
-    parser.add_argument("--side", type=int, default=4000)
+    parser.add_argument("--side", type=int, default=2500)
+    parser.add_argument("--seconds", type=float, default=3600.0, help="Begin none after that.")
     parser.add_argument("--keep", action="store_true", help="Write the results' file.")
     options = parser.parse_args()
-    figures = measure(options.repeat, options.side)
+    figures = measure(options.repeat, options.side, options.seconds)
     if options.keep:
         record("cancels", figures)
     else:
         print(json.dumps(figures, indent=1))
 
 
-def measure(repeat: int, side: int) -> dict[str, Any]:
+def measure(repeat: int, side: int, seconds: float = 3600.0) -> dict[str, Any]:
     """Dismiss so many jobs on a raster of side² cells."""
-    random_ = random.Random(1)
+    random_, end = random.Random(1), time.monotonic() + seconds
     times, left = [], 0
     with tempfile.TemporaryDirectory() as folder, serving() as server:
         heights = np.random.default_rng(1).normal(500.0, 50.0, (side, side)).astype(np.float32)
@@ -66,10 +68,13 @@ def measure(repeat: int, side: int) -> dict[str, Any]:
         assert server.process is not None
         threads = None
         for _ in range(repeat):
-            job = server.submit("sky-view", dataset=dataset, directions=24, method="march")
+            if time.monotonic() > end:
+                break
+            job = server.submit("sky-view", dataset=dataset, directions=48, method="march")
             wait_for(lambda job=job: server.status(job)["progress"] > 0, 60.0, server.log)
             time.sleep(random_.uniform(0.0, 0.5))
             times.append(stop_time(server, job))
+            print(f"{len(times)}: {times[-1]:.3f} s", file=sys.stderr, flush=True)
             server.wait(job, "dismissed")
             time.sleep(0.3)
             left += len(computing(server)) > 1
@@ -77,10 +82,10 @@ def measure(repeat: int, side: int) -> dict[str, Any]:
             idle = cpu_seconds(everyone)
             time.sleep(0.5)
             left += cpu_seconds(everyone) - idle > 0.5 * IDLE + 1.0 / TICK
-            now = sum(len(list(Path(f"/proc/{pid}/task").iterdir())) for pid in everyone)
+            now = sum(len(list(Path("/proc").glob(f"{pid}/task/*"))) for pid in everyone)
             threads = threads or now
         return {
-            "repeated": repeat,
+            "repeated": len(times),
             "side": side,
             "seconds": {
                 "p50": round(quantile(times, 0.5), 3),

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -19,6 +20,8 @@ from servers import Server  # noqa: E402
 RESULTS = ROOT / "benchmarks" / "results" / "service.json"
 DEM = ROOT / "examples" / "data" / "alpine_aletsch_dhm200_lv95_200m.tif"
 TICK = os.sysconf("SC_CLK_TCK")
+
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the server goes, too
 
 
 @contextmanager

@@ -231,12 +231,7 @@ def equal_error_times(entries: list[Entry]) -> list[Entry]:
             spent = timed(case.buffer, run.method, run.options)[1]
             rows.append({"label": run.label, "e_A": errors[run.label], **spent})
             print("  ", entry["name"], rows[-1], flush=True)
-        rays = embree(case, EMBREE_RAYS[2:7])
-        kept = {row["rays"]: row["e_A"] for row in entry["embree"]}
-        for row in rays:
-            del row["occlusion"]
-            row["e_A"] = kept[row["rays"]]
-            print("  ", entry["name"], row, flush=True)
+        rays = embree_rows(case, References(case, entry["rays"]), quick=False)
         found.append({"name": entry["name"], "exact": rows, "embree": rays})
     return found
 

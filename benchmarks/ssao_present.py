@@ -69,8 +69,10 @@ def table(results: Entry, stem: str) -> str:
         lines += _summary(results["ledger"])
     if results.get("scaling", {}).get("equal_error"):
         lines += _equal_error(results["scaling"]["equal_error"])
-    if results.get("scaling", {}).get("by_size") and results["scaling"].get("by_radius"):
+    if results.get("scaling", {}).get("by_size"):
         lines += _speed(results["scaling"])
+    if results.get("scaling", {}).get("by_radius"):
+        lines += _radii(results["scaling"])
     for case in results.get("ledger", []):
         lines += _case(case)
     lines += ["", f"![Error against time]({stem}-error.png)", ""]
@@ -167,12 +169,17 @@ def _speed(scaling: Entry) -> list[str]:
         cells = " | ".join(f"{rows[s]['wall_s']:.3f}" if s in rows else "–" for s in sizes)
         middle = rows.get((1920, 1080)) or next(iter(rows.values()))
         lines.append(f"| {label} | {cells} | {middle['mpix_a_core_second']:.2f} |")
+    return lines
+
+
+def _radii(scaling: Entry) -> list[str]:
     width, height = scaling["radius_size"]
     radii = list(dict.fromkeys(float(e["radius_pixels"]) for e in scaling["by_radius"]))
-    lines += [
+    lines = [
         "",
-        f"Time against radius at {width} x {height}, CPU seconds (radius in pixels at the median "
-        "depth):",
+        f"## Time against radius at {width} x {height}, CPU seconds",
+        "",
+        "The radius is in pixels at the median depth.",
         "",
         "| setting | " + " | ".join("∞" if math.isinf(r) else f"{r:g}" for r in radii) + " |",
         "|---|" + "---:|" * len(radii),
@@ -236,7 +243,7 @@ def plots(results: Entry, path: Path) -> None:
 
     if results.get("ledger"):
         _plot_errors(pyplot, results["ledger"], path.with_name(path.name + "-error.png"))
-    if results.get("scaling", {}).get("by_size") and results["scaling"].get("by_radius"):
+    if results.get("scaling"):
         _plot_scaling(pyplot, results["scaling"], path.with_name(path.name + "-scaling.png"))
 
 
@@ -284,7 +291,7 @@ def _plot_errors(pyplot: Any, cases: list[Entry], path: Path) -> None:
 
 def _plot_scaling(pyplot: Any, scaling: Entry, path: Path) -> None:
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(12.0, 4.8), layout="constrained")
-    entries = [e for e in scaling["by_radius"] if "left_out" not in e]
+    entries = [e for e in scaling.get("by_radius", []) if "left_out" not in e]
     for label in dict.fromkeys(e["label"] for e in entries):
         rows = [e for e in entries if e["label"] == label]
         finite = [e for e in rows if math.isfinite(float(e["radius_pixels"]))]
@@ -300,7 +307,7 @@ def _plot_scaling(pyplot: Any, scaling: Entry, path: Path) -> None:
     width, height = scaling["radius_size"]
     left.set_xlabel("radius [pixels at the median depth]; diamonds: unlimited")
     left.set_ylabel(f"CPU time at {width} x {height} [s]")
-    entries = [e for e in scaling["by_size"] if "left_out" not in e]
+    entries = [e for e in scaling.get("by_size", []) if "left_out" not in e]
     for label in dict.fromkeys(e["label"] for e in entries):
         rows = [e for e in entries if e["label"] == label]
         right.loglog(

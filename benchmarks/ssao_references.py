@@ -186,7 +186,8 @@ def embree(case: Case, counts: tuple[int, ...], seed: int = 5) -> list[Entry]:
     rows, columns = case.sample[0][case.part] + row0, case.sample[1][case.part] + column0
     normal = field.normal[:, rows, columns].astype(np.float64).T
     eye = case.buffer.camera.position(rows, columns, field.depth[rows, columns]).T
-    start_points = eye + 1e-4 * case.pixel_size * normal
+    # Embree computes in float32: what is much nearer than this to its own triangle hits it.
+    start_points = eye + 1e-2 * case.pixel_size * normal
     helper = np.where(np.abs(normal[:, :1]) > 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
     side = np.cross(normal, helper)
     side /= np.linalg.norm(side, axis=1, keepdims=True)

@@ -320,6 +320,7 @@ def _plot_scaling(pyplot: Any, scaling: Entry, path: Path) -> None:
     right.set_ylabel("CPU time [s]")
     for axis in (left, right):
         axis.grid(True, which="both", alpha=0.25)
-        axis.legend(fontsize=7)
+        if axis.get_legend_handles_labels()[0]:
+            axis.legend(fontsize=7)
     figure.savefig(path, dpi=110)
     pyplot.close(figure)

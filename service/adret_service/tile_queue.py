@@ -16,9 +16,8 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from dbos import (
     DBOS,
     DBOSClient,
@@ -35,7 +34,7 @@ from adret.tiling.jobs import FOLDER
 from adret.tiling.tasks import Written
 from adret_service.ids import new_id
 
-__all__ = ["QueueExecutor", "add_tile_worker", "serve_tiles"]
+__all__ = ["QueueExecutor", "serve_tiles"]
 
 APPLICATION = "adret-tiles"
 QUEUE = "adret-tiles"
@@ -186,23 +185,6 @@ def child(threads: str, client: str) -> None:
     while os.getppid() == int(client):
         time.sleep(0.5)
     os._exit(1)
-
-
-def add_tile_worker(app: typer.Typer) -> None:
-    """Add ``adret tile-worker``."""
-    app.command("tile-worker")(tile_worker)
-
-
-def tile_worker(
-    database: Annotated[str, typer.Argument(help="URL of the queue's database.")],
-    threads: Annotated[int, typer.Option(help="Threads of the kernels; default: all cores.")] = 0,
-) -> None:
-    """Take tiles of batches that run with --executor queue, until it is stopped."""
-    if "://" not in database:
-        raise InputError("DATABASE", "the URL of a PostgreSQL or SQLite database", database)
-    run_dbos_database_migrations(database)
-    serve_tiles(database, threads if threads > 0 else os.cpu_count() or 1)
-    threading.Event().wait()
 
 
 def _options(name: str) -> EnqueueOptions:

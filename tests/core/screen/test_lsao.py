@@ -239,6 +239,17 @@ def test_with_a_falloff_the_hull_misses_little(options, weight):
     assert short.mean() < 0.003
 
 
+def test_a_falloff_that_ends_abruptly_is_what_the_hull_misses_most():
+    """A point popped for a higher one behind it is missing once that one is beyond the radius."""
+    buffer = rough(True, 61, 67)
+    receivers = np.argwhere(np.isfinite(buffer.depth))[::17]
+    truth = largest_occluders(buffer, receivers, 12, lambda d: 1.0 * (d < 1.5))
+    short = truth - occlusion(buffer, directions=12, falloff="hard", radius=1.5)[*receivers.T]
+    assert truth.mean() > 0.03
+    assert short.min() > -2e-6
+    assert short.mean() < 0.03
+
+
 @pytest.mark.parametrize(
     ("name", "corner", "ours", "published"),
     [

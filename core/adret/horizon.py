@@ -1,15 +1,16 @@
 """Horizon maps: how high the terrain stands in each direction, seen from every cell."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from adret import horizon_files, methods
+from adret import accuracy, horizon_files, methods, skips
 from adret._gdal import PathLike
 from adret._kernels.frames import to_elevation
+from adret._values import real
 from adret.azimuths import azimuth_set
 from adret.errors import InputError
 from adret.horizon_options import NEAR_DEFAULT, HorizonOptions, Method
@@ -133,6 +134,7 @@ def horizon_map(
     refraction: float = 0.0,
     observer_height: float = 0.0,
     distance: bool = False,
+    max_error: float | None = None,
     progress: Progress | None = None,
 ) -> HorizonMap:
     """Horizon elevation of every cell towards K azimuths [radians].
@@ -165,6 +167,10 @@ def horizon_map(
         Height of the eye above the surface [m].
     distance : bool
         Also return the way to the horizon point; "sweep" and "exact" only.
+    max_error : float, optional
+        Mean of |error| that is good enough [degrees], instead of `near`: a pilot on the terrain
+        itself measures what near radius that takes (see `adret.accuracy`). The report says which
+        one was chosen, and what error to expect; "sweep" only.
     progress : callable, optional
         Called with (azimuths done, azimuths in all); an exception from it ends the run.
 
@@ -210,9 +216,19 @@ def horizon_map(
     if distance and method not in ("sweep", "exact"):
         raise InputError("distance", "False with methods 'hull' and 'march'", distance)
     azimuth = azimuth_set(directions, azimuths)
+    expected = None
+    if max_error is not None:
+        if method != "sweep":
+            raise InputError("max_error", "None with another method than 'sweep'", max_error)
+        limit = "an angle above 0 and up to 90 degrees"
+        if real("max_error", max_error, limit, 0.0, 90.0) == 0.0:
+            raise InputError("max_error", limit, max_error)
+        near, expected = accuracy.near_for(terrain, azimuth, options, max_error)
+        options = replace(options, near=near)
     elevation = np.empty((azimuth.size, *terrain.shape), np.float32)
     ways = np.empty_like(elevation) if distance else None
     run = HorizonRun(terrain, azimuth, options, progress)
+    run.expected_error_deg = expected
     for k, slope in run.layers(ways):
         to_elevation(slope, elevation[k])
     return HorizonMap(elevation, azimuth, ways, terrain, options, run.report())
@@ -239,13 +255,18 @@ class HorizonRun:
         self.azimuths = azimuths
         size = terrain.cell_size  # of the whole raster: its tiles go in the same order
         turns = [methods.Direction.of(a, size).orientation for a in azimuths.tolist()]
-        every = sorted(range(len(turns)), key=lambda k: (turns[k], k))
+        first = {a: k for k, a in reversed(list(enumerate(azimuths.tolist())))}
+        self._twin_of = [first[a] for a in azimuths.tolist()]
+        every = sorted(range(len(turns)), key=lambda k: (turns[k], self._twin_of[k], k))
         wanted = range(len(turns)) if only is None else set(only)
         self._order = [(number, k) for number, k in enumerate(every) if k in wanted]
         self.options = options
         self._progress = progress
         self._bands = terrain.latitude_bands(methods.MAX_AZIMUTH_ERROR)
         self._start = time.perf_counter()
+        self._same = 0
+        self._left_out: Mapping[str, int] = {}
+        self.expected_error_deg: float | None = None
 
     def layers(
         self, distances: NDArray[np.float32] | None = None
@@ -259,15 +280,27 @@ class HorizonRun:
         """
         slope = np.empty(self.terrain.shape, np.float32)
         engine = methods.ENGINES[self.options.method](self.terrain, self.options)
+        latest, same = None, skips.wanted("same azimuths")
         for done, (number, k) in enumerate(self._order):
             self.number = number
             way = None if distances is None else distances[k]
-            for band in self._bands:
-                direction = methods.Direction.of(float(self.azimuths[k]), band.cell_size)
-                engine.fill(direction, slope, way, (band.start, band.stop))
+            if latest is not None and self._twin_of[latest] == self._twin_of[k] and same:
+                self._same += 1
+                if distances is not None:
+                    distances[k] = distances[latest]
+            else:
+                for band in self._bands:
+                    direction = methods.Direction.of(float(self.azimuths[k]), band.cell_size)
+                    engine.fill(direction, slope, way, (band.start, band.stop))
+            latest = k
+            self._left_out = engine.left_out
             yield k, slope
             if self._progress is not None:
                 self._progress(done + 1, len(self._order))
+
+    def _skipped(self, dark: int) -> dict[str, int]:
+        counts = {"dark azimuths": dark, "same azimuths": self._same, **self._left_out}
+        return {name: count for name, count in counts.items() if count}
 
     def report(self, skipped: int = 0) -> RunReport:
         """What was done, with `skipped` more azimuths that need not be; see `last_run_report`."""
@@ -281,6 +314,8 @@ class HorizonRun:
                 cells_skipped=int(self.terrain.mask.sum()),
                 bands=len(self._bands),
                 seconds=time.perf_counter() - self._start,
+                expected_error_deg=self.expected_error_deg,
+                skipped=self._skipped(len(self.azimuths) - len(self._order) + skipped),
             )
         )
 

@@ -6,6 +6,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from adret import skips
 from adret._kernels import light as kernels
 from adret._kernels import normals as normal_kernels
 from adret.azimuths import azimuth_set
@@ -184,6 +185,8 @@ def direct_light(
 
 def lit_slices(slices: list[Any], receivers: Receivers) -> list[Any]:
     """The slices that are not dark above the lowest plane of any receiver."""
+    if not skips.wanted("dark azimuths"):
+        return slices
     candidates: list[LightSlice] = [each for each in slices if not each.dark_above(-np.pi / 2.0)]
     # Only slices that are dark above the horizontal need to know how low the planes look.
     low = [each for each in candidates if each.dark_above(0.0)]

@@ -1,6 +1,7 @@
 """The four ways to find a horizon, behind one small interface."""
 
 import math
+from collections import Counter
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -39,6 +40,9 @@ def smallest_cell(terrain: Terrain) -> float:
 class Engine(Protocol):
     """Fills rows of a slope layer, and of a distance layer where one is given."""
 
+    left_out: Counter[str]
+    """Receivers left out so far, by the names of `skips.SKIPS`."""
+
     def __init__(self, terrain: Terrain, options: "HorizonOptions") -> None: ...
 
     def fill(
@@ -54,6 +58,7 @@ class _Framed:
         self.terrain = terrain
         self.options = options
         self._frames: dict[Orientation, SweepFrame] = {}
+        self.left_out: Counter[str] = Counter()
         cells = options.range / smallest_cell(terrain)
         self._reach = math.ceil(cells) if cells < math.inf else 0
 
@@ -72,6 +77,7 @@ class _Framed:
                 Receivers(top, left, *self.terrain.shape),
                 stored,
             )
+            self._frames[orientation].left_out = self.left_out
         return self._frames[orientation]
 
     def _drop(self) -> None:
@@ -123,6 +129,7 @@ class Exact:
 
     def __init__(self, terrain: Terrain, options: "HorizonOptions") -> None:
         self.view = terrain.view
+        self.left_out: Counter[str] = Counter()
         self.options = options
 
     def fill(
@@ -153,6 +160,7 @@ class Hull:
             raise InputError("method", "another than 'hull' for a tile", "hull")
         self.heights = terrain.heights
         self.mask = terrain.mask
+        self.left_out: Counter[str] = Counter()
         self.options = options
 
     def fill(

@@ -1,7 +1,8 @@
 """What a run did and what it could skip."""
 
+from collections.abc import Mapping
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 __all__ = ["RunReport", "last_run_report"]
 
@@ -24,6 +25,10 @@ class RunReport:
         Latitude bands of a geographic raster; 1 for a projected one.
     seconds : float
         Wall time [s].
+    expected_error_deg : float or None
+        Mean error of the horizons to expect [degrees], where one was asked for.
+    skipped : mapping
+        Receivers or azimuths left out because they cannot matter, by the names of `skips.SKIPS`.
     """
 
     method: str
@@ -34,6 +39,8 @@ class RunReport:
     cells_skipped: int
     bands: int
     seconds: float
+    expected_error_deg: float | None = None
+    skipped: Mapping[str, int] = field(default_factory=dict)
 
 
 _last: ContextVar[RunReport | None] = ContextVar("adret_last_run_report", default=None)

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adret._kernels import sight_rays as kernels
+from adret.directions import SNAP, Direction
 from adret.horizon_options import NEAR_DEFAULT, NEAR_MAX, HorizonOptions
-from adret.sweep import SNAP, Direction
 
 __all__ = ["NEAR", "Sight", "SightMethod", "seen_on_ray"]
 

@@ -13,9 +13,8 @@ __all__ = ["SKIPS", "wanted"]
 
 SKIPS: dict[str, str] = {
     "dark azimuths": "azimuths from which no light comes above any receiver's plane",
-    "nodata": "receivers without a height",
     "far edge": "receivers that not even the highest point of the raster's edge could raise",
-    "far field": "azimuths whose far field cannot rise over the near horizon",
+    "far field": "receivers of azimuths whose far field cannot rise over the near horizon",
     "same azimuths": "azimuths given more than once",
 }
 """Skip -> what is left out."""

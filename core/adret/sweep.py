@@ -7,92 +7,27 @@ Azimuths of one octant share the frame's padded copy of the heights.
 """
 
 import math
-from dataclasses import dataclass
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from adret import skips
+from adret._kernels.far_bound import far_can_rise
 from adret._kernels.frames import copy_oriented, mask_nodata
 from adret._kernels.hull_sweep import RIGHT, hull_sweep
 from adret._kernels.hull_window import hull_sweep_within
 from adret._kernels.march import march
 from adret._kernels.near_field import near_field, near_field_distance
 from adret._kernels.raster_edge import raise_by_edge
+from adret.directions import POOL, SNAP, Direction, Layer, Orientation, stencil
 from adret.grids import Frames
 
 __all__ = ["POOL", "RIGHT", "Direction", "Layer", "Orientation", "Receivers", "SweepFrame"]
 
 NEAR_ALONE = 3  # near radii within which a limited range is left to the near field: exact, quicker
 PAD = 4  # cells of NaN that a frame needs at least
-POOL = 4  # samples of a line that enter the far field's hull as one
-SNAP = 1e-9  # cells: a crossing this near to a vertex is the vertex
-Layer = NDArray[np.float32]
-_Crossing = tuple[int, int, float, int, int, float, float]
-
-
-@dataclass(frozen=True, slots=True, order=True)
-class Orientation:
-    """How a raster is turned into its sweep frame: transposed first, then flipped."""
-
-    swap: bool
-    flip_rows: bool
-    flip_columns: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Direction:
-    """An azimuth on a grid of given cell size.
-
-    Attributes
-    ----------
-    cell_size : (float, float)
-        (dx, dy) [m].
-    along_row, along_column : float
-        Index units a metre towards the azimuth.
-    orientation : Orientation
-        Of the azimuth's octant.
-    shear : float
-        t: minor cells a major step.
-    step : float
-        Ground length of a major step [m].
-    """
-
-    cell_size: tuple[float, float]
-    along_row: float
-    along_column: float
-    orientation: Orientation
-    shear: float
-    step: float
-
-    @classmethod
-    def of(cls, azimuth: float, cell_size: tuple[float, float]) -> "Direction":
-        """Resolve an azimuth [radians clockwise from north], exact on axes and cell diagonals.
-
-        Within `SNAP` of one of them, in cells, it is that one: rounding in an azimuth then moves
-        no ray off the raster's edge along which it runs.
-        """
-        dx, dy = cell_size
-        row, column = -math.cos(azimuth) / dy, math.sin(azimuth) / dx
-        large = max(abs(row), abs(column))
-        row = 0.0 if abs(row) < SNAP * large else row
-        column = 0.0 if abs(column) < SNAP * large else column
-        if abs(abs(row) - abs(column)) < SNAP * large:
-            diagonal = 1.0 / math.hypot(dx, dy)
-            row, column = math.copysign(diagonal, row), math.copysign(diagonal, column)
-        swap = abs(column) > abs(row)
-        major, minor = (column, row) if swap else (row, column)
-        along, across = (dx, dy) if swap else (dy, dx)
-        shear = abs(minor) / abs(major)
-        return cls(
-            cell_size=cell_size,
-            along_row=row,
-            along_column=column,
-            orientation=Orientation(swap, major > 0.0, minor > 0.0),
-            shear=shear,
-            step=math.hypot(along, shear * across),
-        )
 
 
 class Receivers(NamedTuple):
@@ -102,74 +37,6 @@ class Receivers(NamedTuple):
     left: int
     rows: int
     columns: int
-
-
-@dataclass(frozen=True, slots=True)
-class _Stencil:
-    """Crossings of the near field: shifts of the two cells, weights, distance [m]."""
-
-    offsets: NDArray[np.int64]
-    p: Layer
-    q: Layer
-    k: Layer
-    reach: Layer
-
-
-def _crossings(shear: float, first: int, last: int) -> list[_Crossing]:
-    """Crossings from `first` to `last` major steps: (row, column, weight) twice, and the steps."""
-    found: list[_Crossing] = []
-    for j in range(first, last + 1):
-        position = shear * j
-        cell = math.floor(position + SNAP)
-        weight = position - cell
-        if weight < SNAP:
-            found.append((-j, -cell, 1.0, -j, -cell, 0.0, float(j)))
-        else:
-            found.append((-j, -cell, 1.0 - weight, -j, -cell - 1, weight, float(j)))
-    if shear > 0.0:
-        for j in range(math.ceil(shear * (first - 1) + SNAP), math.floor(shear * last + SNAP) + 1):
-            position = j / shear
-            cell = math.floor(position + SNAP)
-            weight = position - cell
-            if j > 0 and weight >= SNAP:  # else the crossing is a vertex, listed above
-                found.append((-cell, -j, 1.0 - weight, -cell - 1, -j, weight, position))
-    return found
-
-
-def _stencil(
-    direction: Direction,
-    near: int,
-    max_distance: float,
-    bend: float,
-    observer: float,
-    shape: tuple[int, int],
-) -> _Stencil:
-    """Crossings of the near field, and those just inside a limited range, that fit the raster.
-
-    The far field resolves the range to a pool; where the ground rises, the horizon is there.
-    """
-    reach = max_distance / direction.step
-    crossings = _crossings(direction.shear, 1, min(near, max(shape)))
-    if near < reach < math.inf:
-        last = math.floor(reach) + 1
-        crossings += _crossings(direction.shear, max(near + 1, last - POOL - 1), last)
-    crossings = [
-        c
-        for c in crossings
-        if c[6] * direction.step <= max_distance and -c[3] <= shape[0] and -c[4] <= shape[1]
-    ]
-    crossings.sort(key=lambda c: c[6])
-    if crossings:
-        crossings += [crossings[-1]] * (-len(crossings) % 4)
-    table = np.array(crossings, dtype=np.float64).reshape(-1, 7)
-    distance = table[:, 6] * direction.step
-    return _Stencil(
-        offsets=table[:, [0, 1, 3, 4]].astype(np.int64),
-        p=(table[:, 2] / distance).astype(np.float32),
-        q=(table[:, 5] / distance).astype(np.float32),
-        k=(-observer / distance - bend * distance).astype(np.float32),
-        reach=distance.astype(np.float32),
-    )
 
 
 def padding(shape: tuple[int, int], near: int) -> tuple[int, int]:
@@ -215,6 +82,7 @@ class SweepFrame:
         self.near = near
         self._heights, self._receivers = heights, receivers or Receivers(0, 0, *heights.shape)
         rows, columns = self._pad = padding(self.shape, max(near, reach))
+        self._mapped = stored is not None  # reading all of it would cost more than it saves
         if stored:
             self._z = stored.frame(orientation, near)
         else:
@@ -223,7 +91,8 @@ class SweepFrame:
         first = origin[1] if orientation.swap else origin[0]
         self._anchor = 1 - shape[0] - first if orientation.flip_rows else first
         self._best: Layer = np.empty(shape, np.float32)
-        self.left_out = 0  # receivers that no point of the raster's edge could raise, so far
+        self.left_out: Counter[str] = Counter()  # receivers, by skip
+        self._top: np.float32 | None = None
         self._distance: Layer | None = None
 
     def _turn(self) -> tuple[bool, bool, bool]:
@@ -283,7 +152,7 @@ class SweepFrame:
         near = self.near
         if limited and reach <= NEAR_ALONE * near:
             near = math.ceil(reach)
-        stencil = _stencil(
+        crossings = stencil(
             direction,
             near,
             max_distance if limited else math.inf,
@@ -292,7 +161,7 @@ class SweepFrame:
             self.shape,
         )
         frame_rows, frame_columns = self._span(rows)
-        shared = (self._z, self._pad, stencil.offsets, stencil.p, stencil.q, stencil.k)
+        shared = (self._z, self._pad, crossings.offsets, crossings.p, crossings.q, crossings.k)
         if distance is None:
             far = np.empty((0, 0), np.float32)
             near_field(*shared, frame_rows, frame_columns, self._best)
@@ -300,7 +169,7 @@ class SweepFrame:
             if self._distance is None:
                 self._distance = np.empty(self.shape, np.float32)
             far = self._distance
-            near_field_distance(*shared, stencil.reach, frame_rows, frame_columns, self._best, far)
+            near_field_distance(*shared, crossings.reach, frame_rows, frame_columns, self._best, far)
         if min(reach, max(self.shape)) > near:
             self._far(
                 direction,
@@ -374,6 +243,8 @@ class SweepFrame:
             f(bend * direction.step**2),
             limits,
         )
+        if not self._may_rise(limits, rows, columns):
+            return
         if limited:
             block = math.ceil(reach / pool) + 1
             hull_sweep_within(*shared, block, rows, columns, self._best, distance)
@@ -396,7 +267,25 @@ class SweepFrame:
             distance,
             skipped,
         )
-        self.left_out += int(skipped.sum())
+        self.left_out["far edge"] += int(skipped.sum())
+
+    def _may_rise(
+        self,
+        limits: tuple[np.float32, ...],
+        rows: NDArray[np.int64],
+        columns: NDArray[np.int64],
+    ) -> bool:
+        """Whether the far field could rise over the near horizon somewhere."""
+        if self._mapped or not skips.wanted("far field"):
+            return True
+        if self._top is None:
+            self._top = np.fmax.reduce(self._z, axis=None)
+        hope = np.zeros(1, np.bool_)
+        shared = (self._top, self.near, limits, rows, columns)
+        far_can_rise(self._z, self._pad, *shared, self._best, hope)
+        if not hope[0]:
+            self.left_out["far field"] += int((rows[1] - rows[0]) * (columns[1] - columns[0]))
+        return bool(hope[0])
 
     def _write(self, layer: Layer, target: Layer, rows: tuple[int, int]) -> None:
         """Turn a frame layer back into rows of a raster layer and mask nodata."""

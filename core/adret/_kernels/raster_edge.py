@@ -95,12 +95,12 @@ def raise_by_edge(z, pad, t, near, edge, limits, skip, rows, columns, best, dist
         if near < i <= reach and first < columns[1]:
             lo = pad[1] + first - base
             hi = pad[1] + columns[1] - base
-            skip = first - columns[0]
+            ahead = first - columns[0]
             _through_row(
                 z[pad[0], lo - shift : hi - shift],
                 z[pad[0], lo:hi],
-                receiver[skip:],
-                slope[skip:],
+                receiver[ahead:],
+                slope[ahead:],
                 weight,
                 np.float32(i),
                 limits,

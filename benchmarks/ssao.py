@@ -77,10 +77,10 @@ def small(perspective: bool) -> DepthBuffer:
 
 
 def warm(case: Case, run: Run) -> None:
-    """Compile what a run needs."""
-    ambient_occlusion(
-        small(case.buffer.camera.perspective_divide), method=run.method, **run.options
-    )
+    """Compile what a run needs, for arrays of the same kind."""
+    buffer = small(case.buffer.camera.perspective_divide)
+    like = Case("small", buffer, 1, rows=None if case.rows is None else 32).shown
+    ambient_occlusion(like, method=run.method, **run.options)
 
 
 def split(

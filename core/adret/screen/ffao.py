@@ -29,6 +29,8 @@ LEAN = 0.75
 PARTS = 8
 """Parts of a row that places are rounded to which lie between rows."""
 SNAP = 1e-9
+SKIP = True
+"""Whether receivers that show no surface are passed over, a whole block of a row at a time."""
 STEEPEST = math.radians(80.0)
 
 Layer = NDArray[np.float32]
@@ -151,7 +153,8 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     if progress is not None:
         progress(len(headings), len(headings))
     occlusion, confidence = work.result()
-    return Estimate(occlusion, confidence, None, {})
+    idle = int(sum(frame.skipped.sum() for frame in work.frames))
+    return Estimate(occlusion, confidence, None, {"directions of empty receivers": idle})
 
 
 def _headings(count: int, ax: float, ay: float) -> list[tuple[bool, float, tuple[int, ...]]]:
@@ -185,6 +188,7 @@ class _Frame(NamedTuple):
     mipmaps: Mipmaps
     near_sums: tuple[Layer, Layer]
     sums: tuple[Layer, Layer, Layer]
+    skipped: NDArray[np.int64]
 
 
 class _Work:
@@ -232,6 +236,8 @@ class _Work:
                 1.0 / options.radius,
                 *at.near_sums,
                 *at.sums,
+                SKIP,
+                at.skipped,
             )
 
     def _third(self, number: int, swap: bool) -> int:
@@ -330,7 +336,8 @@ def _frame(field: Field, options: Options, swap: bool) -> _Frame:
     else:
         near_sums = (layers[0], layers[1])
     mipmaps = _mipmaps(view.near if options.points == "mipmaps" else view.near[:1, :1])
-    return _Frame(view, np.array(frame), mipmaps, near_sums, tuple(layers))
+    idle = np.zeros(len(view.near), dtype=np.int64)
+    return _Frame(view, np.array(frame), mipmaps, near_sums, tuple(layers), idle)
 
 
 def _mipmaps(near: Layer) -> Mipmaps:

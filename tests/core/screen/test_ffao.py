@@ -353,6 +353,24 @@ def test_one_thread_and_two_give_the_same_bytes(options):
     assert results[0].confidence.tobytes() == results[1].confidence.tobytes()
 
 
+@pytest.mark.parametrize("options", [{}, {"separation": True, "directions": 9}])
+def test_passing_over_empty_receivers_changes_no_byte(options, monkeypatch):
+    depth = hills(40, 320)
+    depth[:12, :260] = np.inf
+    depth[:, 300:] = np.inf
+    depth[30, 100] = np.nan
+    buffer = DepthBuffer(depth, Camera.perspective(320, 40, fov_y_deg=20.0))
+    quick = ambient_occlusion(buffer, method="ffao", **options)
+    monkeypatch.setattr(ffao, "SKIP", False)
+    slow = ambient_occlusion(buffer, method="ffao", **options)
+    name = "directions of empty receivers"
+    # Blocks are 240 pixels of a row, or 40 of a column: the first 12 rows, the last 20 columns.
+    assert quick.report.skipped[name] > 12 * 240
+    assert slow.report.skipped[name] == 0
+    assert quick.occlusion.tobytes() == slow.occlusion.tobytes()
+    assert quick.confidence.tobytes() == slow.confidence.tobytes()
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1)])
 def test_tiny_images_are_open(shape):
     camera = Camera.orthographic(shape[1], shape[0], extent=(1.0, 1.0))

@@ -187,6 +187,16 @@ def add_mipmaps(
         add_points(w, count, row, sign, start, 0.0, 0.0, np.inf, lean, view.perspective, weights)
 
 
+@kernel
+def shows_nothing(near, first, step, count):
+    """Whether none of `count` receivers, `step` apart, shows a surface."""
+    for i in range(count):
+        at = near[first + step * i]
+        if at == at:
+            return False
+    return True
+
+
 @parallel_kernel
 def obscurance(
     view,
@@ -208,6 +218,8 @@ def obscurance(
     closed,
     whole,
     unknown,
+    skip,
+    skipped,
 ):
     """Add the obscurance of a direction's sectors to the arrays, all (rows, columns) float32.
 
@@ -237,6 +249,10 @@ def obscurance(
         One over the radius.
     closed_near, whole_near, closed, whole, unknown : (rows, columns) float32
         Sums to add to: obscurance and what it could be; open directions that leave the image.
+    skip : bool
+        Whether blocks of receivers that show no surface are passed over.
+    skipped : (rows,) int64
+        Raised by the receivers that were.
     """
     rows, columns = view.near.shape
     row0, row1, column0, column1 = frame
@@ -266,6 +282,9 @@ def obscurance(
             found = walk(row, sign, lines.size, rows, len(lines.starts), lines.starts, plan)
         for first in range(begin_at, column1, apart * LANES):
             count = min(LANES, (column1 - first + apart - 1) // apart)
+            if skip and shows_nothing(view.near[row], first, apart, count):
+                skipped[row] += count
+                continue
             major = load(
                 w,
                 view.near,

@@ -169,7 +169,9 @@ class SweepFrame:
             if self._distance is None:
                 self._distance = np.empty(self.shape, np.float32)
             far = self._distance
-            near_field_distance(*shared, crossings.reach, frame_rows, frame_columns, self._best, far)
+            near_field_distance(
+                *shared, crossings.reach, frame_rows, frame_columns, self._best, far
+            )
         if min(reach, max(self.shape)) > near:
             self._far(
                 direction,

@@ -307,8 +307,8 @@ def walk(quantity, ground, steps, joined, i, lo, count, s, bits, start, lists, c
 
 @strict_kernel
 def _serve(
-    task, quantity, ground, steps, joined, rows, columns, scale, out, best, open_run, offsets, lists,
-    work,
+    task, quantity, ground, steps, joined, rows, columns, scale, out, best, open_run,
+    offsets, lists, work,
 ):  # fmt: skip
     """One chunk of STRIP rows of `see_along_rays`; `work` is the task's."""
     chunks = (out.shape[1] + CHUNK - 1) // CHUNK

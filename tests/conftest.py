@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+collect_ignore = ["conftest.py"]  # no examples in it; collected again, it clashes with those below
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 settings.register_profile(

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from adret._values import real
 from adret.azimuths import azimuth_set
+from adret.bounce_bounds import Maxima, Rest, left_out
 from adret.errors import InputError
 from adret.horizon import NEAR_DEFAULT, HorizonOptions, Progress
 from adret.light import Light, direct_light, reflectance
@@ -157,9 +158,9 @@ def indirect_light(
     options = HorizonOptions(
         near=near, max_distance=max_distance, radius=radius, refraction=refraction
     )
-    limit = _bounce_limit(bounces)
+    limit = bounce_limit(bounces)
     real("tolerance", tolerance, "above 0 and at most 1", np.nextafter(0.0, 1.0), 1.0)
-    share = np.nan_to_num(_planes(reflectance(albedo, terrain.shape), terrain.shape))
+    share = shares(albedo, terrain)
     start = time.perf_counter()
     if radiance is not None:
         first = _sent("radiance", radiance, terrain.shape)
@@ -277,10 +278,9 @@ def _bounce(
     start: float,
 ) -> Light:
     """Pass light on until the limit, or until the residual is within the tolerance."""
-    shape = (max(len(sent), len(share)), *terrain.shape)
-    sent = np.where(terrain.mask, np.float32(0.0), np.broadcast_to(sent, shape))
-    total = np.zeros(shape)
-    rest = _Rest(share, tolerance)
+    sent = _outgoing(terrain, sent, share)
+    total = np.zeros(sent.shape)
+    rest = Rest(tolerance, sent=float(sent.max()))
     azimuths, done, made = transport.count, 0, 0
     residual = 0.0
 
@@ -291,12 +291,15 @@ def _bounce(
             progress(done, azimuths * (limit if tolerance is None else made + 1))
 
     while made < limit and sent.any():
-        needed = rest.needed(transport.view, sent, total) if made else None
+        needed, missing = None, 0.0
+        if made:
+            needed, bound = rest.needed(transport.view)
+            missing = left_out(bound, needed)
         received = np.nan_to_num(transport(sent, needed, step))
         total += received
         sent = share * received * PER_PI
         made += 1
-        residual = rest.after(transport.view, sent, total)
+        residual = rest.after(Maxima.of(sent, total, transport.view, share, missing))
         if tolerance is not None and residual <= tolerance:
             break
     if not made:
@@ -312,54 +315,31 @@ def _bounce(
         seconds=time.perf_counter() - start,
         **vars(transport.work),
     )
-    irradiance = np.where(terrain.mask, np.nan, total).astype(np.float32)
-    return Light(_layers(irradiance), terrain, remember(report), made, residual)
+    return Light(irradiance_of(terrain, total), terrain, remember(report), made, residual)
 
 
-class _Rest:
-    """Bounds of the light that is not computed, in the largest norm.
-
-    A bounce turns radiance of at most L into at most ``albedo V_t L``, so all that follows it adds
-    at most ``π V_t L / (1 - c)`` to a cell, c being the largest albedo·V_t.
-    """
-
-    def __init__(self, share: Layer, tolerance: float | None) -> None:
-        self._share = share
-        self._tolerance = tolerance
-        self._keeps = 0.0
-        self._left_out = 0.0  # irradiance [at most] of the cells that the latest bounce left out
-        self._unsent = 0.0  # radiance [at most] that is missing in what is sent
-        self._unseen = 0.0  # irradiance [at most] that is missing in the total
-
-    def needed(self, view: Layer, sent: Layer, total: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Cells that the next bounce can change, by more than a part of the tolerance."""
-        bound = np.nan_to_num(view) * (np.pi * (float(sent.max()) + self._unsent))
-        limit = 0.0
-        if self._tolerance is not None:
-            limit = 0.25 * self._tolerance * float(total.max()) * (1.0 - self._keeps) ** 2
-        needed = bound > limit
-        self._left_out = float(np.max(bound, where=~needed, initial=0.0))
-        return np.asarray(needed)
-
-    def after(self, view: Layer, sent: Layer, total: NDArray[np.float64]) -> float:
-        """The residual after a bounce whose reflected light is `sent`."""
-        known = np.nan_to_num(view)
-        widest = float(known.max())
-        self._keeps = min(float((self._share * known).max()), 1.0)
-        self._unseen += max(self._left_out, np.pi * widest * self._unsent)
-        self._unsent = max(
-            self._keeps * self._unsent, float(self._share.max()) * self._left_out * float(PER_PI)
-        )
-        to_come = np.pi * widest * (float(sent.max()) + self._unsent)
-        largest = float(total.max())
-        if largest == 0.0 or to_come + self._unseen == 0.0:
-            return 0.0
-        if self._keeps == 1.0:
-            return np.inf
-        return float((self._unseen + to_come / (1.0 - self._keeps)) / largest)
+def shares(albedo: ArrayLike, terrain: Terrain) -> Layer:
+    """Albedo as planes (1 or 3, rows or 1, columns or 1); 0 instead of NaN."""
+    return np.nan_to_num(_planes(reflectance(albedo, terrain.shape), terrain.shape))
 
 
-def _bounce_limit(bounces: Any) -> int:
+def first_sent(
+    terrain: Terrain, radiance: ArrayLike, emission: ArrayLike | None, share: Layer
+) -> Layer:
+    """Radiance that leaves the cells before any bounce, shape (1 or 3, rows, columns)."""
+    first = _sent("radiance", radiance, terrain.shape)
+    if emission is not None:
+        first = first + _sent("emission", emission, terrain.shape)
+    return _outgoing(terrain, first, share)
+
+
+def irradiance_of(terrain: Terrain, total: NDArray[np.float64]) -> Layer:
+    """The sum of all bounces, (bands, rows, columns), as it is handed out; NaN at nodata."""
+    return _layers(np.where(terrain.mask, np.nan, total).astype(np.float32))
+
+
+def bounce_limit(bounces: Any) -> int:
+    """Bounces at the most, checked."""
     if isinstance(bounces, str) and bounces == "converge":
         return MAX_BOUNCES
     wrong = isinstance(bounces, (bool, str)) or not isinstance(bounces, (int, np.integer))
@@ -367,6 +347,12 @@ def _bounce_limit(bounces: Any) -> int:
         limit = f"a whole number from 1 to {MAX_BOUNCES}, or 'converge'"
         raise InputError("bounces", limit, bounces)
     return int(bounces)
+
+
+def _outgoing(terrain: Terrain, sent: Layer, share: Layer) -> Layer:
+    """What is sent, with as many bands as light and ground have; nodata sends nothing."""
+    shape = (max(len(sent), len(share)), *terrain.shape)
+    return np.where(terrain.mask, np.float32(0.0), np.broadcast_to(sent, shape))
 
 
 def _sent(field: str, values: ArrayLike, shape: tuple[int, int]) -> Layer:

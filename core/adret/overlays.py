@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,8 @@ def read_overlay(
     field : str
         What the caller calls the file, for messages.
     path : path-like
-        A GeoTIFF, an Arc/Info ASCII grid or a PNG with as many rows and columns as the terrain;
-        in its CRS and place where both say theirs.
+        A GeoTIFF, an Arc/Info ASCII grid or a PNG with as many rows and columns as the terrain, or
+        as the raster that it was cut from; in its CRS and place where both say theirs.
     terrain : Terrain
     most : float
         Largest value that is allowed; infinite values never are.
@@ -66,12 +66,18 @@ def read_overlay(
         with warnings.catch_warnings(), rasterio.Env(**GDAL_OPTIONS):
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             with rasterio.open(absolute, driver=driver) as source:
-                count = int(source.count)
+                count, size = int(source.count), (int(source.height), int(source.width))
     except RasterioError:
         raise RasterError(field, f"a readable {driver} file", str(path)) from None
     if count not in (1, 3):
         raise RasterError(field, "of one band or three", f"{count} bands")
-    grids = [_read(field, path, band + 1, terrain) for band in range(count)]
+    window = None
+    if size != terrain.shape and size == terrain.grid.shape:
+        window = tuple(
+            (start, start + length)
+            for start, length in zip(terrain.origin, terrain.shape, strict=True)
+        )
+    grids = [_read(field, path, band + 1, terrain, window) for band in range(count)]
     _check_place(field, grids[0], terrain)
     layers = [grid.heights.astype(np.float32) for grid in grids]
     for layer in layers:
@@ -82,10 +88,13 @@ def read_overlay(
     return layers[0] if count == 1 else np.stack(layers, axis=2)
 
 
-def _read(field: str, path: PathLike, band: int, terrain: "Terrain") -> rasters.HeightGrid:
+def _read(
+    field: str, path: PathLike, band: int, terrain: "Terrain", window: Any
+) -> rasters.HeightGrid:
+    size = terrain.cell_size
     try:
         # A unit of length of 1 m leaves the numbers as they are.
-        return rasters.open_heights(path, band, vertical_unit="m", cell_size=terrain.cell_size)
+        return rasters.open_heights(path, band, window, vertical_unit="m", cell_size=size)
     except RasterError as error:
         name = field if error.field == "path" else f"{field}'s {error.field}"
         raise RasterError(name, error.limit, error.value) from None

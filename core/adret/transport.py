@@ -7,8 +7,9 @@ one number for each 128 cells and azimuth: behind which crossing nothing is visi
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,9 +137,21 @@ class Transport:
             # no row of the operator sums to more than π: light cannot grow, whatever K is.
             with np.errstate(invalid="ignore"):
                 self.view = (seen / whole).astype(np.float32)
-                self._to_irradiance = np.pi / whole + np.where(self.terrain.mask, np.nan, 0.0)
+                # Cells that nobody asked for have neither.
+                unknown = self.terrain.mask | (whole == 0.0)
+                self._to_irradiance = np.where(unknown, np.nan, np.pi) / whole
         bands = total[: len(radiance)]
         return np.asarray(np.maximum(bands, 0.0) * self._to_irradiance, dtype=np.float32)
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """What the first bounce found out, for `recall`."""
+        kept: dict[str, NDArray[Any]] = {"view": self.view, "to_irradiance": self._to_irradiance}
+        return kept | {f"reach-{i}": self._reach[task] for i, task in enumerate(self._tasks)}
+
+    def recall(self, memory: Mapping[str, NDArray[Any]]) -> None:
+        """Take up what the first bounce of another run on the same terrain found out."""
+        self.view, self._to_irradiance = memory["view"], memory["to_irradiance"]
+        self._reach = {task: memory[f"reach-{i}"] for i, task in enumerate(self._tasks)}
 
 
 class _OctantFrame:

@@ -13,6 +13,7 @@ import typer
 from adret.cli.options import numbers, option_name, option_of, parameter, value_of
 from adret.errors import InputError
 from adret.parameters import (
+    BounceParameters,
     HorizonParameters,
     LightParameters,
     OpennessParameters,
@@ -20,6 +21,7 @@ from adret.parameters import (
     ShadowParameters,
     SkyViewParameters,
     Specification,
+    ViewshedParameters,
     VisibilityParameters,
     specifications,
 )
@@ -36,6 +38,8 @@ PARAMETERS: tuple[type[Parameters], ...] = (
     ShadowParameters,
     LightParameters,
     VisibilityParameters,
+    ViewshedParameters,
+    BounceParameters,
 )
 UNITS = {"K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
@@ -46,7 +50,7 @@ SHARED: tuple[tuple[str, Any, Any, str, str], ...] = (
         str,
         "sky",
         "NAME,NAME,...",
-        "Of horizon, sky, openness, shadow, light and visibility.",
+        "Of horizon, sky, openness, shadow, light, bounce, viewshed and visibility.",
     ),
     ("tile_size", str, "2048", "N", "Cells a side of a tile; multiples of 512 go fastest."),
     ("memory", str, "2G", "SIZE", "Memory that a worker may take, as in 800M or 2G."),
@@ -105,7 +109,9 @@ def job_command(
     known: dict[str, Specification] = {}
     for parameters in PARAMETERS:
         for spec in specifications(parameters):
-            known.setdefault(spec.name, spec)
+            first = known.setdefault(spec.name, spec)
+            choices = dict.fromkeys((*first.choices, *spec.choices))
+            known[spec.name] = replace(first, choices=tuple(choices))
 
     def run(places: list[str], **given: Any) -> int | None:
         shared = {entry[0]: given.pop(entry[0]) for entry in SHARED}
@@ -223,8 +229,9 @@ def _request(
 ) -> Request:
     from adret.tiling.tasks import tiled_product
 
-    if typed.get("environment") is not None:
-        typed["environment"] = str(Path(typed["environment"]).absolute())
+    for field in ("environment", "albedo_map", "emission"):
+        if field in typed:
+            typed[field] = str(Path(typed[field]).absolute())
     products: dict[str, Parameters] = {}
     used: set[str] = set()
     for name in product.split(","):

@@ -1,5 +1,6 @@
 """Products about who sees whom: viewsheds, and what every cell sees."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -32,7 +33,6 @@ def viewshed(
     terrain: "Terrain", parameters: ViewshedParameters, progress: Progress | None
 ) -> Result:
     from adret.sight import cell, cells_at
-    from adret.viewsheds import BITS
     from adret.viewsheds import viewshed as viewshed_of
 
     observers = [cell("observer", each, terrain) for each in parameters.observer or ()]
@@ -53,13 +53,41 @@ def viewshed(
         progress=progress,
         **body_options(terrain, parameters),
     )
+    return Result(
+        layers=_layers(found, parameters.layer),
+        picture=lambda: _picture(found, parameters.layer),
+        **_about(terrain, parameters, found.observers),
+    )
+
+
+def unseen(
+    terrain: "Terrain", parameters: ViewshedParameters, places: Sequence[tuple[int, int]]
+) -> Result:
+    """A part of the viewshed of observers at some cells of the whole, none of whom sees it."""
+    about = _about(terrain, parameters, places)
+    if parameters.layer == "minimum-height":
+        layers = np.full(terrain.shape, np.nan, np.float32)
+    else:
+        encoding = about["encoding"]
+        layers = np.where(terrain.mask, encoding["nodata"], 0).astype(encoding["dtype"])
+    if parameters.layer == "seen-by":
+        layers = np.repeat(layers[np.newaxis], len(places), axis=0)
+    return Result(layers=layers, picture=dict, **about)
+
+
+def _about(
+    terrain: "Terrain", parameters: ViewshedParameters, observers: Sequence[tuple[int, int]]
+) -> dict[str, Any]:
+    """What the file says of a viewshed, and how it stores it."""
+    from adret.viewsheds import BITS
+
     definition = {
         "visible": f"1 where at least one observer has {LINE} to the target, else 0",
         "count": f"number of observers that have {LINE} to the target",
         "seen-by": f"1 where the observer has {LINE} to the target, else 0",
         "minimum-height": f"least height above ground of a target to which there is {LINE}",
     }[parameters.layer]
-    places = [f"row {row} column {column}" for row, column in found.observers]
+    places = [f"row {row} column {column}" for row, column in observers]
     tags = tags_of(terrain, "viewshed", definition, parameters) | {
         "ADRET_METHOD": "exact",
         "ADRET_OBSERVER_HEIGHT": f"{parameters.observer_height:g} m",
@@ -72,15 +100,16 @@ def viewshed(
     ):
         if given is not None:
             tags[f"ADRET_{name}_RANGE"] = f"{given[0]:g} to {given[1]:g} deg"
-    layers, encoding = _layers(found, parameters.layer)
-    return Result(
-        layers=layers,
-        names=tuple(places) if parameters.layer == "seen-by" else (parameters.layer,),
-        unit="m" if parameters.layer == "minimum-height" else "1",
-        tags=tags,
-        encoding=encoding,
-        picture=lambda: _picture(found, parameters.layer),
-    )
+    encoding: dict[str, Any] = {}
+    if parameters.layer != "minimum-height":
+        dtype, nodata = ("uint16", 65535) if parameters.layer == "count" else ("uint8", 255)
+        encoding = {"dtype": dtype, "nodata": nodata, "resampling": "nearest"}
+    return {
+        "names": tuple(places) if parameters.layer == "seen-by" else (parameters.layer,),
+        "unit": "m" if parameters.layer == "minimum-height" else "1",
+        "tags": tags,
+        "encoding": encoding,
+    }
 
 
 def visibility(
@@ -117,23 +146,21 @@ def visibility(
     )
 
 
-def _layers(found: "Viewshed", layer: str) -> tuple[Any, dict[str, Any]]:
-    """The layers of a viewshed as they are stored, and how."""
+def _layers(found: "Viewshed", layer: str) -> Any:
+    """The layers of a viewshed as they are stored."""
     if layer == "minimum-height":
-        return found.minimum_height, {}
-    dtype, nodata = ("uint16", 65535) if layer == "count" else ("uint8", 255)
-    encoding = {"dtype": dtype, "nodata": nodata, "resampling": "nearest"}
+        return found.minimum_height
     mask = found.terrain.mask
     if layer == "seen-by":
         assert found.seen_by is not None
         seen = found.seen_by
-        bits = (
-            (i, np.where(mask, nodata, (seen >> np.uint64(i)) & np.uint64(1)).astype(np.uint8))
+        return (
+            (i, np.where(mask, 255, (seen >> np.uint64(i)) & np.uint64(1)).astype(np.uint8))
             for i in range(len(found.observers))
         )
-        return bits, encoding
-    values = found.count if layer == "count" else found.visible
-    return np.where(mask, nodata, values).astype(dtype), encoding
+    if layer == "count":
+        return np.where(mask, 65535, found.count).astype(np.uint16)
+    return np.where(mask, 255, found.visible).astype(np.uint8)
 
 
 def _picture(found: "Viewshed", layer: str) -> dict[str, Any]:

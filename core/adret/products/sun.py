@@ -72,7 +72,44 @@ def light(terrain: "Terrain", parameters: LightParameters, progress: Progress | 
 
 def bounce(terrain: "Terrain", parameters: BounceParameters, progress: Progress | None) -> Result:
     from adret.bounces import indirect_light
+
+    ground = albedo, emission = grounds(terrain, parameters)
+    direct = bounce_light(terrain, parameters, _part(progress, 0, 2))
+    found = indirect_light(
+        terrain,
+        None,
+        albedo,
+        radiance=reflected(albedo, direct),
+        emission=emission,
+        bounces=parameters.bounces,
+        directions=parameters.directions,
+        tolerance=parameters.tolerance,
+        progress=_part(progress, 1, 2),
+        **bounce_options(terrain, parameters),
+    )
+    return bounced(
+        terrain, parameters, ground, found.irradiance, direct, found.bounces, found.residual
+    )
+
+
+def bounce_options(terrain: "Terrain", parameters: BounceParameters) -> dict[str, Any]:
+    """Range, radius, refraction and near field of the bounces."""
     from adret.horizon import NEAR_DEFAULT
+
+    near = NEAR_DEFAULT if parameters.near is None else parameters.near
+    return body_options(terrain, parameters) | {"near": near}
+
+
+def bounce_light(
+    terrain: "Terrain", parameters: BounceParameters, progress: Progress | None = None
+) -> NDArray[np.float32]:
+    """Irradiance of sun and sky that the bounces begin with."""
+    options = bounce_options(terrain, parameters)
+    return _direct(terrain, parameters, parameters.directions, options, progress)[0]
+
+
+def grounds(terrain: "Terrain", parameters: BounceParameters) -> tuple[Any, Any]:
+    """Albedo, and the radiance that cells send by themselves or None."""
     from adret.overlays import read_overlay
 
     albedo: Any = parameters.albedo
@@ -81,42 +118,40 @@ def bounce(terrain: "Terrain", parameters: BounceParameters, progress: Progress 
     emission: Any = None
     if parameters.emission is not None:
         emission = np.nan_to_num(read_overlay("emission", parameters.emission, terrain))
-    near = NEAR_DEFAULT if parameters.near is None else parameters.near
-    options = body_options(terrain, parameters) | {"near": near}
-    direct, sources = _direct(
-        terrain, parameters, parameters.directions, options, _part(progress, 0, 2)
-    )
-    found = indirect_light(
-        terrain,
-        None,
-        albedo,
-        radiance=_reflected(albedo, direct),
-        emission=emission,
-        bounces=parameters.bounces,
-        directions=parameters.directions,
-        tolerance=parameters.tolerance,
-        progress=_part(progress, 1, 2),
-        **options,
-    )
-    total, quantity = found.irradiance, "irradiance on the sloping cell from the terrain it sees"
+    return albedo, emission
+
+
+def bounced(
+    terrain: "Terrain",
+    parameters: BounceParameters,
+    ground: tuple[Any, Any],
+    indirect: NDArray[np.float32],
+    direct: NDArray[np.float32],
+    bounces: int,
+    residual: float,
+) -> Result:
+    """The layer that was asked for, of indirect and direct irradiance on ground of `grounds`."""
+    albedo, emission = ground
+    total, quantity = indirect, "irradiance on the sloping cell from the terrain it sees"
     if parameters.layer != "indirect":
         total = _sum(total, direct)
         quantity = "irradiance on the sloping cell, direct and from the terrain it sees"
     if parameters.layer == "radiance":
-        total = _reflected(albedo, total)
+        total = reflected(albedo, total)
         quantity = f"radiance, albedo / pi times {quantity}"
         if emission is not None:
             total = _sum(total, emission)
             quantity = f"{quantity}, and emission"
+    sources = [text for _, text in _sources(parameters)]
     if parameters.emission is not None:
         sources.append(f"emission map {Path(parameters.emission).name}")
     definition = f"{quantity}, lit by {', '.join(sources)}"
     tags = tags_of(terrain, "bounce", definition, parameters) | {
         "ADRET_ALBEDO": f"{parameters.albedo:g}",
-        "ADRET_BOUNCES": str(found.bounces),
-        "ADRET_RESIDUAL": f"at most {found.residual:.3g} of the largest indirect irradiance",
+        "ADRET_BOUNCES": str(bounces),
+        "ADRET_RESIDUAL": f"at most {residual:.3g} of the largest indirect irradiance",
         "ADRET_DIRECTIONS": str(parameters.directions),
-        "ADRET_NEAR": str(near),
+        "ADRET_NEAR": str(bounce_options(terrain, parameters)["near"]),
     }
     if parameters.albedo_map is not None:
         tags["ADRET_ALBEDO"] = f"map {Path(parameters.albedo_map).name}"
@@ -151,7 +186,7 @@ def _sum(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.flo
     return one + other
 
 
-def _reflected(albedo: Any, irradiance: NDArray[np.float32]) -> NDArray[np.float32]:
+def reflected(albedo: Any, irradiance: NDArray[np.float32]) -> NDArray[np.float32]:
     """Radiance of matt ground; albedo is one number, or one or three layers."""
     share = np.asarray(albedo / np.pi, dtype=np.float32)
     if share.ndim in (2, 3) and share.ndim != irradiance.ndim:

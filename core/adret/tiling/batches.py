@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from adret._gdal import GDAL_OPTIONS
 from adret.cogs import write_windows
 from adret.errors import RasterError
+from adret.tiling import bounces
 from adret.tiling.executors import Order, Outcome, TileExecutor
 from adret.tiling.jobs import (
     FOLDER,
@@ -148,15 +149,12 @@ def _run_product(
     if _is_written(out, product, job):
         report.file, report.resumed = f"{product}.tif", len(tiles)
         return report
-    waiting = [tile for tile in tiles if not check_tile(out, product, tile)]
-    report.resumed = len(tiles) - len(waiting)
-    orders = [Order(str(out), product, tile.rows[0], tile.columns[0]) for tile in waiting]
-    done = report.resumed
-    for outcome in executor.map(orders):
-        _count(report, outcome)
-        done += 1
-        if progress is not None:
-            progress(product, done, len(tiles))
+    orders = _Orders(out, executor, report, progress)
+    if product == "bounce" and len(tiles) > 1:
+        _run_passes(job, orders)
+    if not report.errors:
+        orders.run(product, tiles)
+        report.resumed = orders.resumed
     if not report.errors:
         receipts = [_receipt(out, product, tile) for tile in tiles]
         _assemble(job, out, product, receipts[0])
@@ -165,6 +163,65 @@ def _run_product(
         shutil.rmtree(out / FOLDER / product)
     report.seconds = time.perf_counter() - start
     return report
+
+
+class _Orders:
+    """Has tiles of one product made, and counts them."""
+
+    def __init__(
+        self, out: Path, executor: TileExecutor, report: ProductReport, progress: Progress | None
+    ) -> None:
+        self.out = out
+        self.report = report
+        self._executor = executor
+        self._progress = progress
+        self.resumed = 0
+
+    def run(self, product: str, tiles: list[Tile]) -> None:
+        """Make those tiles of a product, or of one of its passes, that are not done."""
+        waiting = [tile for tile in tiles if not check_tile(self.out, product, tile)]
+        self.resumed = done = len(tiles) - len(waiting)
+        orders = [Order(str(self.out), product, tile.rows[0], tile.columns[0]) for tile in waiting]
+        for outcome in self._executor.map(orders):
+            _count(self.report, outcome)
+            done += 1
+            if self._progress is not None:
+                self._progress(product, done, len(tiles))
+
+
+def _run_passes(job: Job, orders: _Orders) -> None:
+    """Make the passes of bounces, until one of them is the last."""
+    folder, tiles = orders.out / FOLDER / bounces.PRODUCT, job.tiles
+    passes, number = bounces.Passes(job), 0
+    # Of the passes that are done, the first two and the latest are still needed.
+    known = sorted(int(path.stem) for path in folder.glob("[0-9]*.json"))
+    needed = [k for k in known if k in (0, 1, known[-1])]
+    names = [bounces.pass_name(k) for k in needed]
+    if not all(check_tile(orders.out, name, tile) for name in names for tile in tiles):
+        shutil.rmtree(folder)
+        known = []
+    while True:
+        name, state = bounces.pass_name(number), folder / f"{number}.json"
+        if number in known:
+            found = read_json(state)
+        else:
+            orders.run(name, tiles)
+            if orders.report.errors:
+                return
+            found = {"tiles": [list(_maxima(orders.out, name, tile)) for tile in tiles]}
+        found |= passes.count(number, found["tiles"])
+        write_json(state, found)
+        if passes.done:
+            write_json(folder / bounces.LAST, found)
+        if number > 2:
+            shutil.rmtree(folder / str(number - 1), ignore_errors=True)
+        if passes.done:
+            return
+        number += 1
+
+
+def _maxima(out: Path, name: str, tile: Tile) -> list[float]:
+    return list(_receipt(out, name, tile).about["maxima"])
 
 
 def _count(report: ProductReport, outcome: Outcome) -> None:

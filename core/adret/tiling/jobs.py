@@ -6,7 +6,8 @@ Layout of the output folder::
     manifest.json             files, checksums, times; written anew whenever a product is done
     .adret-tiles/job.json     the job; workers read it
     .adret-tiles/frames/      the raster turned for the sweeps, if no range is given
-    .adret-tiles/<product>/   one GeoTIFF a tile, and beside it a receipt with its checksum
+    .adret-tiles/<product>/   one GeoTIFF a tile, and beside it a receipt with its checksum;
+                              of bounces also a folder for each pass
 
 All files appear whole or not at all. A tile is done when its receipt is there.
 """
@@ -23,15 +24,23 @@ from typing import Any, Self
 from adret._gdal import atomic
 from adret.errors import InputError, RasterError
 from adret.grids import RasterGrid
-from adret.parameters import Parameters
+from adret.parameters import Parameters, specifications
 from adret.tiling.frames import StoredFrames
 from adret.tiling.surfaces import Piece, Surface
 from adret.tiling.surroundings import Surroundings
-from adret.tiling.tasks import Tile, Written, cut, file_digest, make_tile, tiled_product
+from adret.tiling.tasks import (
+    FOLDER,
+    Tile,
+    Written,
+    cut,
+    file_digest,
+    make_tile,
+    tile_path,
+    tiled_product,
+)
 
-__all__ = ["Job", "run_tile"]
+__all__ = ["FOLDER", "Job", "run_tile", "tile_path"]
 
-FOLDER = ".adret-tiles"
 FRAMES = "frames"
 VERSION = 1
 
@@ -78,7 +87,23 @@ class Job:
             "cell_size": list(grid.cell_size),
             "products": {name: asdict(given) for name, given in self.products.items()},
             "tile_size": self.tile_size,
+            "files": self._files(),
         }
+
+    def _files(self) -> dict[str, Any]:
+        """Other files that the products read."""
+        found = {}
+        for name, given in self.products.items():
+            for spec in specifications(type(given)):
+                path = getattr(given, spec.name) if spec.form == "path" else None
+                if path is None:
+                    continue
+                try:
+                    found[f"{name}.{spec.name}"] = _stamp(path)
+                except OSError as error:
+                    limit = f"a file that can be read ({error.strerror})"
+                    raise RasterError(spec.name, limit, path) from None
+        return found
 
     def write(self, out: Path) -> None:
         """Put the job into an output folder, where workers find it."""
@@ -142,9 +167,12 @@ def run_tile(out: str, product: str, row: int, column: int) -> Written:
     out : str
         Output folder of the job.
     product : str
+        Or a pass of it: ``bounce/2``.
     row, column : int
         First cell of the tile.
     """
+    from adret.tiling import bounces
+
     folder = Path(out)
     stamp = (folder / FOLDER / "job.json").stat().st_mtime_ns
     job = _job(out, stamp)
@@ -157,7 +185,11 @@ def run_tile(out: str, product: str, row: int, column: int) -> Written:
     path = tile_path(folder, product, tile)
     path.parent.mkdir(parents=True, exist_ok=True)
     frames = None if len(job.tiles) == 1 else _frames(out, stamp)
-    written = make_tile(job, product, tile, path, frames)
+    name, _, number = product.partition("/")
+    if number:
+        written = bounces.make_pass(job, int(number), tile, folder, path)
+    else:
+        written = make_tile(job, name, tile, path, frames, folder)
     write_json(path.with_suffix(".json"), asdict(written))
     return written
 
@@ -170,11 +202,6 @@ def _job(out: str, stamp: int) -> Job:
 @lru_cache(maxsize=1)
 def _frames(out: str, stamp: int) -> StoredFrames:
     return StoredFrames(_job(out, stamp).surface, Path(out) / FOLDER / FRAMES)
-
-
-def tile_path(out: Path, product: str, tile: Tile) -> Path:
-    """The file of a tile."""
-    return out / FOLDER / product / f"{tile.name}.tif"
 
 
 def receipt(out: Path, product: str, tile: Tile) -> Written | None:

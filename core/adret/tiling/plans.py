@@ -9,14 +9,18 @@ from pathlib import Path
 from adret.errors import InputError
 from adret.parameters import (
     BodyParameters,
+    BounceParameters,
     HorizonParameters,
     LightParameters,
     Parameters,
     RoundParameters,
     ShadowParameters,
     SkyViewParameters,
+    SourceParameters,
+    ViewshedParameters,
     VisibilityParameters,
 )
+from adret.tiling import bounces
 from adret.tiling.jobs import Job
 from adret.tiling.tasks import TILE_CACHE, halo
 
@@ -29,7 +33,10 @@ PROCESS = 400 << 20
 SWEEP_NS, NEAR_NS = 12.0, 0.25
 PAGE = 4096  # bytes
 SIGHT_BYTES = 160  # a cell that a tile of visibility sees: frames of all octants
-DIRECTED = (RoundParameters, VisibilityParameters)
+VIEWSHED_BYTES = 40  # a cell that a tile of viewsheds sees: counts, bits, heights
+PASS_BYTES = 12  # a cell and band of a pass of bounces on disk
+BOUNCES = 6  # until light has converged, a guess
+DIRECTED = (RoundParameters, VisibilityParameters, BounceParameters)
 # Compressed bytes a stored number, for want of a better guess.
 STORED = 0.6
 
@@ -180,6 +187,13 @@ def worker_bytes(job: Job, parameters: Parameters, threads: int) -> int:
     hulls = threads * 130 * (max(seen) // 4 + 2) * 48
     if isinstance(parameters, VisibilityParameters):
         own += seen[0] * seen[1] * SIGHT_BYTES
+    if isinstance(parameters, ViewshedParameters):
+        own += seen[0] * seen[1] * VIEWSHED_BYTES
+    if isinstance(parameters, BounceParameters):
+        if len(job.tiles) > 1 and margin is not None:
+            own += max(bounces.window_bytes(job, tile) for tile in job.tiles)
+        else:
+            own += seen[0] * seen[1] * bounces.cell_bytes(parameters)
     return PROCESS + (TILE_CACHE << 20) + strip + swept + own + hulls
 
 
@@ -202,8 +216,8 @@ def _own_bytes(parameters: Parameters) -> int:
         return total + 16 + (16 if parameters.kind == "normal" else 0)
     if isinstance(parameters, ShadowParameters):
         return 12 + 16 + 6
-    if isinstance(parameters, LightParameters):
-        bands = 3 if parameters.environment is not None else 1
+    if isinstance(parameters, SourceParameters):
+        bands = _light_bands(parameters)
         return 16 + bands * (12 + 12)
     return total + 24
 
@@ -216,6 +230,12 @@ def _widest_halo(job: Job, parameters: Parameters) -> int | None:
 
 def _across(job: Job) -> int:
     return math.ceil(job.surface.grid.shape[1] / job.tile_size)
+
+
+def _light_bands(parameters: SourceParameters) -> int:
+    if isinstance(parameters, BounceParameters):
+        return bounces.bands(parameters)
+    return 3 if parameters.environment is not None else 1
 
 
 def _azimuths(parameters: Parameters) -> int:
@@ -233,8 +253,14 @@ def _product(job: Job, name: str, parameters: Parameters, threads: int) -> Produ
     azimuths = _azimuths(parameters)
     horizons = isinstance(parameters, HorizonParameters)
     bands = azimuths if horizons else 1
-    if isinstance(parameters, LightParameters) and parameters.environment is not None:
-        bands = 3
+    if isinstance(parameters, SourceParameters):
+        bands = _light_bands(parameters)
+    passes = 0
+    if isinstance(parameters, BounceParameters):
+        passes = BOUNCES if parameters.bounces == "converge" else int(parameters.bounces)
+    if isinstance(parameters, ViewshedParameters):
+        observers = len(parameters.observer or ()) + len(parameters.at or ())
+        azimuths, bands = observers, observers if parameters.layer == "seen-by" else 1
     item = 2 if horizons and getattr(parameters, "dtype", "") == "uint16" else 4
     if isinstance(parameters, ShadowParameters) and parameters.layer == "code":
         item = 1
@@ -248,8 +274,9 @@ def _product(job: Job, name: str, parameters: Parameters, threads: int) -> Produ
         worker_bytes=worker_bytes(job, parameters, threads),
         # Tiles, the result before its overviews are in order, and the result; frames.
         disk_bytes=round(3.4 * rows * columns * bands * item * STORED)
+        + (rows * columns * bands * PASS_BYTES * 4 if passes and len(job.tiles) > 1 else 0)
         + (36 * rows * columns if parameters.max_distance is None and len(job.tiles) > 1 else 0),
-        core_seconds=rows * columns * azimuths * (SWEEP_NS + NEAR_NS * near) * 1e-9,
+        core_seconds=rows * columns * azimuths * (1 + passes) * (SWEEP_NS + NEAR_NS * near) * 1e-9,
     )
 
 

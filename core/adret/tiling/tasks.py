@@ -7,14 +7,19 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from adret._gdal import GDAL_OPTIONS, atomic
 from adret.errors import InputError
-from adret.parameters import BodyParameters, Parameters, VisibilityParameters
+from adret.parameters import (
+    BodyParameters,
+    Parameters,
+    ViewshedParameters,
+    VisibilityParameters,
+)
 
 if TYPE_CHECKING:
     from adret.products import Product, Result
@@ -32,11 +37,19 @@ TILED = {
     "shadow": "shadow",
     "light": "light",
     "visibility": "visibility",
+    "viewshed": "viewshed",
+    "bounce": "bounce",
 }
 """Names that a batch takes, and the products that they stand for."""
 
 WINDOWED = ("visibility",)
 """Products that are computed of a tile's halo as well, and then cut."""
+
+RANGED = ("visibility", "viewshed", "bounce")
+"""Products that can be cut only with a range."""
+
+FOLDER = ".adret-tiles"
+"""Of an output folder, where job and tiles are."""
 
 TILE_CACHE = 64  # MiB of GDAL's block cache in a worker
 BLOCK = 512  # cells a side of a block in a tile's file
@@ -113,20 +126,26 @@ def check_tiled(job: "Job") -> None:
     Raises
     ------
     InputError
-        For surroundings or visibility without a range, or where sums of lengths would be rounded
-        in another order.
+        For surroundings, or products that need one, without a range; for observers that cannot
+        be; or where sums of lengths would be rounded in another order.
     """
     from adret.methods import MAX_AZIMUTH_ERROR
+    from adret.tiling import sights
 
     for name, parameters in job.products.items():
         assert isinstance(parameters, BodyParameters)
         if job.surface.surroundings is not None and parameters.max_distance is None:
             raise InputError("max_distance", "given with surroundings", None)
-        if name not in WINDOWED or len(job.tiles) == 1:
+        if name not in RANGED or len(job.tiles) == 1:
             continue
-        assert isinstance(parameters, VisibilityParameters)
         if parameters.max_distance is None:
             raise InputError("max_distance", f"given for {name} in tiles", None)
+        if job.surface.surroundings is not None and name != "visibility":
+            raise InputError("surroundings", f"left out for {name}", job.surface.surroundings.path)
+        if isinstance(parameters, ViewshedParameters):
+            sights.check_observers(job.surface, parameters)
+        if not isinstance(parameters, VisibilityParameters):
+            continue
         grid = job.surface.grid
         counts = parameters.measure in ("visible-count", "horizon-count", "max-sight-distance")
         if not counts and len(grid.bands(0, grid.shape[0], MAX_AZIMUTH_ERROR)) > 1:
@@ -150,7 +169,12 @@ def cut(shape: tuple[int, int], size: int) -> list[Tile]:
 
 
 def make_tile(
-    job: "Job", product: str, tile: Tile, path: Path, frames: "StoredFrames | None" = None
+    job: "Job",
+    product: str,
+    tile: Tile,
+    path: Path,
+    frames: "StoredFrames | None" = None,
+    out: Path | None = None,
 ) -> Written:
     """Compute one tile of one product and write its numbers as they will be stored.
 
@@ -167,33 +191,19 @@ def make_tile(
         GeoTIFF to write; it appears whole or not at all.
     frames : StoredFrames, optional
         Where a tile that sees the whole raster finds it; without them it is read into memory.
+    out : Path, optional
+        Output folder, for products that are made in passes.
     """
     from adret.report import last_run_report
 
-    start, cpu = time.perf_counter(), time.process_time()
-    parameters = job.products[product]
-    margin = halo(job, parameters, tile)
-    if margin is None and frames is not None:
-        terrain = frames.tile(tile.rows, tile.columns)
-    else:
-        terrain = job.surface.tile(tile.rows, tile.columns, margin)
-    if product in WINDOWED:
-        result = tiled_product(product).compute(_around(terrain), parameters, None)
-        top, left = terrain.view[1:3]
-        core = slice(top, top + terrain.shape[0]), slice(left, left + terrain.shape[1])
-        result = replace(result, layers=np.asarray(result.layers)[core])
-    else:
-        result = tiled_product(product).compute(terrain, parameters, None)
-    digest = _write(path, terrain, result)
+    measured = meter()
+    result, terrain = _computed(job, product, tile, frames, out)
+    _write(path, terrain, result)
     report = last_run_report()
-    return Written(
-        sha256=digest,
-        bytes=path.stat().st_size,
+    return measured(
+        path,
         cells=terrain.mask.size,
         azimuths=0 if report is None else report.azimuths_swept,
-        seconds=time.perf_counter() - start,
-        cpu_seconds=time.process_time() - cpu,
-        peak_rss=peak_rss(),
         about={
             "names": list(result.names),
             "unit": result.unit,
@@ -201,6 +211,61 @@ def make_tile(
             "encoding": result.encoding,
         },
     )
+
+
+def _computed(
+    job: "Job", product: str, tile: Tile, frames: "StoredFrames | None", out: Path | None
+) -> tuple["Result", "Terrain"]:
+    """A tile's layers, and the tile."""
+    from adret.tiling import bounces, sights
+
+    parameters = job.products[product]
+    if len(job.tiles) > 1 and isinstance(parameters, ViewshedParameters):
+        return sights.result(job, parameters, tile)
+    if len(job.tiles) > 1 and product == "bounce":
+        assert out is not None
+        return bounces.result(job, tile, out)
+    margin = halo(job, parameters, tile)
+    if margin is None and frames is not None:
+        terrain = frames.tile(tile.rows, tile.columns)
+    else:
+        terrain = job.surface.tile(tile.rows, tile.columns, margin)
+    if product in WINDOWED:
+        result = tiled_product(product).compute(around(terrain), parameters, None)
+        return replace(result, layers=np.asarray(result.layers)[core(terrain)]), terrain
+    return tiled_product(product).compute(terrain, parameters, None), terrain
+
+
+class Meter(Protocol):
+    """Ends a measurement of time, and writes the receipt of what was made meanwhile."""
+
+    def __call__(
+        self, path: Path, *, cells: int, azimuths: int, about: dict[str, Any]
+    ) -> Written: ...
+
+
+def meter() -> Meter:
+    """Begin to measure what a file costs."""
+    start, cpu = time.perf_counter(), time.process_time()
+
+    def measured(path: Path, *, cells: int, azimuths: int, about: dict[str, Any]) -> Written:
+        return Written(
+            sha256=file_digest(path),
+            bytes=path.stat().st_size,
+            cells=cells,
+            azimuths=azimuths,
+            seconds=time.perf_counter() - start,
+            cpu_seconds=time.process_time() - cpu,
+            peak_rss=peak_rss(),
+            about=about,
+        )
+
+    return measured
+
+
+def tile_path(out: Path, product: str, tile: Tile) -> Path:
+    """The file of a tile of a product, or of a pass of one (``bounce/2``)."""
+    return out / FOLDER / product / f"{tile.name}.{'npz' if '/' in product else 'tif'}"
 
 
 def halo(job: "Job", parameters: Parameters, tile: Tile) -> int | None:
@@ -232,7 +297,13 @@ def encoded(result: "Result") -> Iterator[tuple[int, NDArray[Any]]]:
         yield index, encode(layer)
 
 
-def _around(terrain: "Terrain") -> "Terrain":
+def core(terrain: "Terrain") -> tuple[slice, slice]:
+    """A tile's own cells in all that it sees."""
+    top, left = terrain.view[1:3]
+    return slice(top, top + terrain.shape[0]), slice(left, left + terrain.shape[1])
+
+
+def around(terrain: "Terrain") -> "Terrain":
     """All that a tile sees, as a terrain."""
     view, (row, column) = terrain.view, terrain.origin
     return terrain.of_view(
@@ -245,8 +316,8 @@ def _around(terrain: "Terrain") -> "Terrain":
     )
 
 
-def _write(path: Path, terrain: "Terrain", result: "Result") -> str:
-    """Write a tile's file; return its digest."""
+def _write(path: Path, terrain: "Terrain", result: "Result") -> None:
+    """Write a tile's file, whole or not at all."""
     import rasterio
 
     from adret.cogs import describe, geotransform
@@ -272,19 +343,21 @@ def _write(path: Path, terrain: "Terrain", result: "Result") -> str:
         "bigtiff": "if_safer",
     }
     options = GDAL_OPTIONS | {"GDAL_CACHEMAX": TILE_CACHE}
-    with atomic(path) as unfinished:
-        with rasterio.Env(**options), rasterio.open(unfinished, "w", **profile) as dataset:
-            describe(
-                dataset,
-                result.names,
-                result.unit,
-                result.tags,
-                result.encoding.get("scale"),
-                result.encoding.get("offset"),
-            )
-            for index, layer in encoded(result):
-                dataset.write(layer, index + 1)
-        return file_digest(unfinished)
+    with (
+        atomic(path) as unfinished,
+        rasterio.Env(**options),
+        rasterio.open(unfinished, "w", **profile) as dataset,
+    ):
+        describe(
+            dataset,
+            result.names,
+            result.unit,
+            result.tags,
+            result.encoding.get("scale"),
+            result.encoding.get("offset"),
+        )
+        for index, layer in encoded(result):
+            dataset.write(layer, index + 1)
 
 
 def file_digest(path: Path) -> str:

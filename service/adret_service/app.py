@@ -19,6 +19,7 @@ from adret_service.engine.durable import DurableEngine
 from adret_service.engine.liveness import Lease, sweep_scratch
 from adret_service.engine.port import JobEngine
 from adret_service.ingest import Ingest
+from adret_service.lookup import Lookup
 from adret_service.middleware import BodyLimit, RequestId, SameOrigin
 from adret_service.observing import Observe, Requests
 from adret_service.rates import Buckets, Rate
@@ -28,6 +29,7 @@ from adret_service.routes import (
     estimates,
     events,
     execution,
+    frequent,
     health,
     jobs,
     landing,
@@ -100,6 +102,7 @@ def create_app(settings: Settings, engine: JobEngine | None = None) -> FastAPI:
         health,
     ):
         app.include_router(router.router)
+    app.router.routes[:0] = frequent.ROUTES
     problems.install(app)
     app.add_middleware(BodyLimit, limit=settings.max_body_bytes, exempt="/uploads")
     app.add_middleware(SameOrigin)
@@ -144,8 +147,9 @@ def open_service(
     stack.callback(viewers.close)
     partials = Partials(settings.data_dir / "partial", settings.upload_ttl)
     partials.sweep()
+    looked = Lookup(engine.look)
     if settings.auth == "none":
-        return Service(settings, engine, catalogue, storage, ingest, viewers, partials)
+        return Service(settings, engine, catalogue, storage, ingest, viewers, partials, looked)
     rates = {
         "api": settings.rate_api,
         "submit": settings.rate_submit,
@@ -155,5 +159,15 @@ def open_service(
     keys = KeyFile(settings.keys_file)
     tokens = token_maker(settings)
     return Service(
-        settings, engine, catalogue, storage, ingest, viewers, partials, keys, buckets, tokens
+        settings,
+        engine,
+        catalogue,
+        storage,
+        ingest,
+        viewers,
+        partials,
+        looked,
+        keys,
+        buckets,
+        tokens,
     )

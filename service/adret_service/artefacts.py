@@ -11,6 +11,7 @@ from adret_service.storage import Artefact, Storage
 
 __all__ = ["serve_artefact"]
 
+AT_ONCE = 1 << 20  # bytes that are read before the answer begins: a stream costs more
 _RANGE = re.compile(r"bytes=(\d{0,18})-(\d{0,18})")
 
 
@@ -51,6 +52,8 @@ def serve_artefact(
     if request.method == "HEAD":
         return Response(status_code=status, headers=headers, media_type=artefact.media_type)
     body: Iterator[bytes] = storage.read(artefact.key, start, stop)
+    if stop - start <= AT_ONCE:
+        return Response(b"".join(body), status, headers, artefact.media_type)
     return StreamingResponse(body, status, headers, artefact.media_type)
 
 

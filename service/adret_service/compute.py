@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from adret.errors import Cancelled, InputError
+from adret_service.precedence import step_back
 
 __all__ = ["main"]
 
@@ -51,8 +52,7 @@ class Orders:
 
 def main() -> None:
     """Serve orders until the input closes; the argument is how nice to be to other processes."""
-    if len(sys.argv) > 1 and hasattr(os, "nice"):
-        os.nice(int(sys.argv[1]))
+    step_back(int(sys.argv[1]) if len(sys.argv) > 1 else 0)
     # Whatever a library prints must not mix with the answers.
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)

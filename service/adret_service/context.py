@@ -6,11 +6,14 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request, Response
 from fastapi.security import APIKeyHeader, APIKeyQuery, HTTPAuthorizationCredentials, HTTPBearer
+from starlette.datastructures import Headers
+from starlette.requests import Request as PlainRequest
 
 from adret_service.auth import LOCAL, Credential, KeyFile
 from adret_service.datasets import DatasetCatalogue
-from adret_service.engine.port import JobEngine
+from adret_service.engine.port import JobEngine, JobRecord
 from adret_service.ingest import Ingest
+from adret_service.lookup import Lookup
 from adret_service.problems import Problem
 from adret_service.rates import Buckets
 from adret_service.resuming import Partials
@@ -38,6 +41,7 @@ class Service:
     ingest: Ingest
     viewers: Viewers
     partials: Partials
+    jobs: Lookup[JobRecord]
     keys: KeyFile | None = None
     rates: dict[str, Buckets] | None = None
     tokens: TokenMaker | None = None
@@ -52,7 +56,7 @@ async def service_of(request: Request) -> Service:
     return parts(request)
 
 
-def parts(request: Request) -> Service:
+def parts(request: PlainRequest) -> Service:
     """Return the application's parts."""
     return cast(Service, request.app.state.service)
 
@@ -64,7 +68,23 @@ async def credential_of(
     header: Annotated[str | None, Depends(HEADER)],
     token: Annotated[str | None, Depends(TOKEN)],
 ) -> Credential:
-    """Return who asks, if that one may, and not too often.
+    """Return who asks, if that one may, and not too often; see `admitted`."""
+    secret = header if bearer is None else bearer.credentials
+    found, headers = admitted(request, secret, token)
+    response.headers.update(headers)
+    return found
+
+
+def secret_of(headers: Headers) -> str | None:
+    """Return the key that a request names in its headers."""
+    scheme, _, bearer = headers.get("authorization", "").partition(" ")
+    return bearer if bearer and scheme.lower() == "bearer" else headers.get("x-api-key")
+
+
+def admitted(
+    request: PlainRequest, secret: str | None, token: str | None
+) -> tuple[Credential, dict[str, str]]:
+    """Return who asks, if that one may, and not too often; and headers for the answer.
 
     Raises
     ------
@@ -74,8 +94,7 @@ async def credential_of(
     """
     service = parts(request)
     if service.keys is None:
-        return LOCAL
-    secret = header if bearer is None else bearer.credentials
+        return LOCAL, {}
     found = None if secret is None else service.keys.find(secret)
     if secret is None and token is not None and service.tokens is not None:
         found = service.tokens.find(token, request.url.path)
@@ -85,15 +104,15 @@ async def credential_of(
     scope = "read" if request.method in READING else "submit"
     if scope not in found.scopes:
         raise Problem(403, f"this key's scopes: must have {scope}, got {sorted(found.scopes)}")
-    if service.rates is not None:
-        bucket = "api" if scope == "read" else "submit"
-        if "/tiles/" in request.url.path:
-            bucket = "tiles"
-        _count(service.rates[bucket], found.id, response)
-    return found
+    if service.rates is None:
+        return found, {}
+    bucket = "api" if scope == "read" else "submit"
+    if "/tiles/" in request.url.path:
+        bucket = "tiles"
+    return found, _count(service.rates[bucket], found.id)
 
 
-def _count(buckets: Buckets, name: str, response: Response) -> None:
+def _count(buckets: Buckets, name: str) -> dict[str, str]:
     left, wait = buckets.take(name)
     rate = buckets.rate
     headers = {
@@ -103,7 +122,7 @@ def _count(buckets: Buckets, name: str, response: Response) -> None:
     if wait > 0.0:
         detail = f"requests: must be at most {rate.count} in {rate.seconds:g} s"
         raise Problem(429, detail, headers=headers | {"Retry-After": str(math.ceil(wait))})
-    response.headers.update(headers)
+    return headers
 
 
 async def tenant_of(credential: Annotated[Credential, Depends(credential_of)]) -> str:
@@ -112,6 +131,11 @@ async def tenant_of(credential: Annotated[Credential, Depends(credential_of)]) -
 
 
 async def base_url(request: Request) -> str:
+    """Return the absolute URL of the landing page, without a slash at its end."""
+    return base_of(request)
+
+
+def base_of(request: PlainRequest) -> str:
     """Return the absolute URL of the landing page, without a slash at its end."""
     configured = parts(request).settings.base_url
     return (configured or str(request.base_url)).rstrip("/")

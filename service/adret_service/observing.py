@@ -92,7 +92,7 @@ class Observe:
 
 def route_of(scope: Scope) -> str:
     """Return the template of the route, so that ids in paths make no new series."""
-    return str(getattr(scope.get("route"), "path", "unknown"))
+    return str(getattr(scope.get("route"), "path_format", "unknown"))
 
 
 def known_method(method: str) -> str:

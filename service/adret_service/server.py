@@ -22,6 +22,7 @@ def serve(settings: Settings) -> None:
         import uvicorn
 
         from adret_service.app import create_app
+        from adret_service.http1 import BoundedHttp
 
         config = uvicorn.Config(
             create_app(settings),
@@ -29,6 +30,7 @@ def serve(settings: Settings) -> None:
             port=settings.port,
             log_level=settings.log_level,
             log_config=None,
+            http=BoundedHttp,
             access_log=False,  # `Observe` writes one that knows the request's id
             server_header=False,
             proxy_headers=False,

@@ -65,7 +65,7 @@ class Settings(BaseSettings):
     job_max_attempts: int = Field(default=3, ge=1)
     job_max_revivals: int = Field(default=20, ge=1)
     cancel_grace: float = Field(default=0.2, ge=0)
-    compute_nice: int = Field(default=5, ge=0, le=19)
+    compute_nice: int = Field(default=10, ge=0, le=19)
     queue_poll: float = Field(default=0.25, gt=0)
     queue_max: int = Field(default=1000, ge=1)
     liveness_interval: float = Field(default=2.0, gt=0)

@@ -4,8 +4,10 @@ from typing import Any
 
 from adret_service.datasets import timestamp
 from adret_service.engine.port import JobRecord, JobStatus
+from adret_service.problems import RESULT_NOT_READY, FieldError, Problem
+from adret_service.storage import Artefact, Storage
 
-__all__ = ["RESULTS", "prefix_of", "status_info"]
+__all__ = ["RESULTS", "artefacts_of", "prefix_of", "status_info"]
 
 RESULTS = "http://www.opengis.net/def/rel/ogc/1.0/results"
 
@@ -40,6 +42,26 @@ def status_info(job: JobRecord, base: str) -> dict[str, Any]:
     if job.error is not None:
         body["exception"] = dict(job.error)
     return body
+
+
+def artefacts_of(storage: Storage, job: JobRecord) -> dict[str, Artefact]:
+    """Return the artefacts of a successful job, or answer why there are none."""
+    if job.status is JobStatus.FAILED:
+        error = job.error or {}
+        raise Problem(
+            int(error.get("status", 500)),
+            str(error.get("detail", "the job failed")),
+            type_=str(error.get("type", "about:blank")),
+            errors=[FieldError(**entry) for entry in error.get("errors", ())],
+        )
+    if job.status is JobStatus.DISMISSED:
+        raise Problem(404, "the job was dismissed", type_=RESULT_NOT_READY)
+    if job.status is not JobStatus.SUCCESSFUL:
+        raise Problem(404, "the job is not finished", type_=RESULT_NOT_READY)
+    artefacts = storage.manifest(prefix_of(job))
+    if artefacts is None:
+        raise Problem(410, "the results of this job are gone")
+    return artefacts
 
 
 def prefix_of(job: JobRecord) -> str:

@@ -41,8 +41,9 @@ class View:
 class Viewer:
     """One process; started when it is first asked, and again when it has died."""
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, nice: int) -> None:
         self.seconds = seconds
+        self.nice = nice
         self.turn = anyio.CapacityLimiter(1)
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
@@ -105,7 +106,7 @@ class Viewer:
             self._end()
             kept = {k: v for k, v in os.environ.items() if k in KEPT_ENVIRONMENT | HOMES}
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "adret_service.viewing"],
+                [sys.executable, "-m", "adret_service.viewing", str(self.nice)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 env=kept | {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
@@ -148,7 +149,8 @@ class Viewers:
     """
 
     def __init__(self, settings: Settings, storage: Storage, folder: Path) -> None:
-        self._pool = [Viewer(settings.view_timeout) for _ in range(settings.viewers)]
+        nice = settings.compute_nice // 2  # behind the API, before the jobs
+        self._pool = [Viewer(settings.view_timeout, nice) for _ in range(settings.viewers)]
         self._copies = Copies(storage, folder, settings.view_cache_bytes)
         self._kept: OrderedDict[str, View] = OrderedDict()
         self._size = 0

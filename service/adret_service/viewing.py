@@ -13,6 +13,7 @@ from typing import Any, BinaryIO
 
 from adret.errors import InputError
 from adret_service import rendering
+from adret_service.precedence import step_back
 from adret_service.problems import FieldError, Problem, invalid
 
 __all__ = ["main"]
@@ -107,7 +108,11 @@ def serve(source: BinaryIO, target: BinaryIO) -> None:
 
 
 def main() -> None:
-    """Serve orders; whatever a library prints must not mix with the answers."""
+    """Serve orders; the argument is how nice to be to the API.
+
+    Whatever a library prints must not mix with the answers.
+    """
+    step_back(int(sys.argv[1]) if len(sys.argv) > 1 else 0, session=True)
     target = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     serve(sys.stdin.buffer, target)

@@ -17,6 +17,7 @@ from typing import IO, NoReturn
 from adret_service.children import ComputeChild, Unfit
 from adret_service.engine.liveness import Lease
 from adret_service.logs import set_up_logging
+from adret_service.precedence import step_back
 from adret_service.settings import Settings
 from adret_service.tracing import set_up_tracing
 
@@ -93,6 +94,7 @@ def _at_end(watched: IO[str], stop: threading.Event) -> None:
 def main() -> NoReturn:
     """Entry of ``python -m adret_service.worker``."""
     settings = Settings.model_validate_json(sys.stdin.readline())
+    step_back(settings.compute_nice, session=True)  # the server gave it one of its own
     set_up_logging(settings)
     run_worker(settings, sys.stdin)
 

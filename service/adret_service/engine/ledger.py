@@ -1,7 +1,7 @@
 """The jobs table: every change of a job's state is one guarded UPDATE."""
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import sqlalchemy as sa
@@ -38,6 +38,7 @@ OPEN = jobs.c.status.notin_([str(status) for status in FINISHED])
 # What an order is accepted with, built once: building takes longer than running it.
 ADDING = jobs.insert()
 TELLING = events.insert()
+LOOKING = sa.select(jobs).where(jobs.c.id.in_(sa.bindparam("ids", expanding=True)))
 READ_BY = (
     sa.select(datasets.c.id)
     .where(datasets.c.id == sa.bindparam("named"), datasets.c.tenant == sa.bindparam("whose"))
@@ -93,6 +94,12 @@ class SqlLedger:
         with self.database.connect() as connection:
             row = connection.execute(query).first()
         return None if row is None else to_record(row)
+
+    def look(self, job_ids: Sequence[str]) -> Mapping[str, JobRecord]:
+        """Return those of these jobs that there are, whoever's they are, in one read."""
+        with self.database.connect() as connection:
+            rows = connection.execute(LOOKING, {"ids": list(job_ids)}).all()
+        return {row.id: to_record(row) for row in rows}
 
     def list(
         self,

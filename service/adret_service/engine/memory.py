@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -102,6 +102,10 @@ class MemoryEngine:
         """Return the tenant's job or None."""
         job = self._jobs.get(job_id)
         return job if job is not None and job.tenant == tenant else None
+
+    def look(self, job_ids: Sequence[str]) -> Mapping[str, JobRecord]:
+        """Return those of these jobs that there are."""
+        return {each: self._jobs[each] for each in job_ids if each in self._jobs}
 
     def list(
         self,

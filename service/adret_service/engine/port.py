@@ -1,6 +1,6 @@
 """What the service asks of a job engine, and the records they exchange."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Protocol
@@ -168,6 +168,9 @@ class JobEngine(Protocol):
 
     def get(self, job_id: str, tenant: str) -> JobRecord | None:
         """Return the job, or None if this tenant has no such job."""
+
+    def look(self, job_ids: Sequence[str]) -> Mapping[str, JobRecord]:
+        """Return those of these jobs that there are, whoever's they are, in one read."""
 
     def list(
         self,

@@ -29,9 +29,8 @@ from adret_service.processes import Process
 from adret_service.references import resolved
 from adret_service.results import results_response
 from adret_service.routes.datasets import require_room
-from adret_service.routes.jobs import artefacts_of
 from adret_service.settings import Settings
-from adret_service.status import status_info
+from adret_service.status import artefacts_of, status_info
 from adret_service.tracing import traceparent
 
 router = APIRouter(tags=["processes"])
@@ -279,7 +278,7 @@ def answer(
 ) -> Response:
     """Return the results of a job that has ended, or raise what became of it."""
     try:
-        artefacts = artefacts_of(service, job)
+        artefacts = artefacts_of(service.storage, job)
     except Problem as problem:
         problem.headers = {**(problem.headers or {}), **headers}
         raise

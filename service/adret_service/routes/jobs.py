@@ -4,7 +4,8 @@ import math
 import time
 from typing import Any
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
+from starlette.responses import JSONResponse
 
 from adret_service.context import BaseUrl, Service, ServiceDep, Tenant
 from adret_service.documents import StatusInfo, StatusList
@@ -12,8 +13,9 @@ from adret_service.engine.port import JobRecord, JobStatus
 from adret_service.ids import is_id
 from adret_service.listing import Shown
 from adret_service.paging import Before, Limit, page_links
-from adret_service.problems import NO_SUCH_JOB, RESULT_NOT_READY, FieldError, Problem
-from adret_service.status import prefix_of, status_info
+from adret_service.problems import NO_SUCH_JOB, FieldError, Problem
+from adret_service.routes.frequent import answer_status
+from adret_service.status import artefacts_of, prefix_of, status_info
 from adret_service.storage import Artefact
 
 router = APIRouter(tags=["jobs"])
@@ -44,17 +46,16 @@ def list_jobs(
 @router.get(
     "/jobs/{job_id}",
     operation_id="getStatus",
-    response_model=StatusInfo,
-    response_model_exclude_unset=True,
+    response_class=JSONResponse,
+    response_model=None,
+    responses={
+        200: {"model": StatusInfo, "description": "How far it is."},
+        304: {"description": "The client knows it already, by its entity tag."},
+    },
 )
-def get_job(
-    job_id: str, response: Response, service: ServiceDep, tenant: Tenant, base: BaseUrl
-) -> dict[str, Any]:
+async def get_job(job_id: str, request: Request, tenant: Tenant) -> Response:
     """Say how far a job is."""
-    job = found_job(service, job_id, tenant)
-    if not job.is_finished:
-        response.headers["Retry-After"] = "1"
-    return status_info(job, base)
+    return await answer_status(request)
 
 
 @router.delete(
@@ -109,24 +110,4 @@ def found_job(service: Service, job_id: str, tenant: str) -> JobRecord:
 
 def finished_results(service: Service, job_id: str, tenant: str) -> dict[str, Artefact]:
     """Return the artefacts of a successful job, or answer why there are none."""
-    return artefacts_of(service, found_job(service, job_id, tenant))
-
-
-def artefacts_of(service: Service, job: JobRecord) -> dict[str, Artefact]:
-    """Return the artefacts of a successful job, or answer why there are none."""
-    if job.status is JobStatus.FAILED:
-        error = job.error or {}
-        raise Problem(
-            int(error.get("status", 500)),
-            str(error.get("detail", "the job failed")),
-            type_=str(error.get("type", "about:blank")),
-            errors=[FieldError(**entry) for entry in error.get("errors", ())],
-        )
-    if job.status is JobStatus.DISMISSED:
-        raise Problem(404, "the job was dismissed", type_=RESULT_NOT_READY)
-    if job.status is not JobStatus.SUCCESSFUL:
-        raise Problem(404, "the job is not finished", type_=RESULT_NOT_READY)
-    artefacts = service.storage.manifest(prefix_of(job))
-    if artefacts is None:
-        raise Problem(410, "the results of this job are gone")
-    return artefacts
+    return artefacts_of(service.storage, found_job(service, job_id, tenant))

@@ -6,18 +6,18 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 from starlette.responses import JSONResponse
 
-from adret_service.artefacts import serve_artefact
 from adret_service.context import BaseUrl, ServiceDep, Tenant
 from adret_service.documents import Results, StacItem
-from adret_service.problems import FieldError, Problem, invalid
-from adret_service.results import file_name, results_response
+from adret_service.problems import FieldError, invalid
+from adret_service.results import results_response
 from adret_service.routes.execution import known_process
-from adret_service.routes.jobs import artefacts_of, found_job
+from adret_service.routes.frequent import answer_output
+from adret_service.routes.jobs import found_job
 from adret_service.stac import item
+from adret_service.status import artefacts_of
 
 router = APIRouter(tags=["jobs"])
 
-ALIASES = {"preview.png": "preview", "result.tif": "result"}
 BINARY: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "The whole file.",
@@ -66,7 +66,7 @@ def get_results(
 ) -> Response:
     """Return the results in the form in which they were ordered."""
     job = found_job(service, job_id, tenant)
-    artefacts = artefacts_of(service, job)
+    artefacts = artefacts_of(service.storage, job)
     if outputs is not None:
         names = [name for name in outputs.split(",") if name]
         unknown = [name for name in names if name not in artefacts]
@@ -91,7 +91,7 @@ def get_results(
 def get_item(job_id: str, service: ServiceDep, tenant: Tenant, base: BaseUrl) -> Response:
     """Return a result as a STAC item: where it lies, what made it, where its files are."""
     job = found_job(service, job_id, tenant)
-    artefacts = artefacts_of(service, job)
+    artefacts = artefacts_of(service.storage, job)
     process = known_process(service, job.process)
     dataset = service.catalogue.get(job.dataset, tenant) if job.dataset else None
     body = item(job, process, dataset, artefacts, base)
@@ -105,14 +105,6 @@ def get_item(job_id: str, service: ServiceDep, tenant: Tenant, base: BaseUrl) ->
     response_class=Response,
 )
 @router.head("/jobs/{job_id}/results/{output}", include_in_schema=False)
-def get_result(
-    job_id: str, output: str, request: Request, service: ServiceDep, tenant: Tenant
-) -> Response:
+async def get_result(job_id: str, output: str, request: Request, tenant: Tenant) -> Response:
     """Return the bytes of one output: whole, one range of them, or 304."""
-    job = found_job(service, job_id, tenant)
-    artefacts = artefacts_of(service, job)
-    artefact = artefacts.get(ALIASES.get(output, output))
-    if artefact is None:
-        error = FieldError("output", f"one of {', '.join(artefacts)}", output)
-        raise Problem(404, str(error), errors=[error])
-    return serve_artefact(request, service.storage, artefact, file_name(job, artefact))
+    return await answer_output(request)

@@ -199,6 +199,17 @@ LINES: dict[str, tuple[list[bytes], float, bytes]] = {
         0.0,
         b"4",
     ),
+    "a head of 100 kB in one piece": (
+        [b"GET / HTTP/1.1\r\nHost: localhost\r\n" + b"X: y\r\n" * 17_000 + b"\r\n"],
+        0.0,
+        b"4",
+    ),
+    "an address of 100 kB": ([b"GET /" + b"a" * 100_000 + b" HTTP/1.1\r\n\r\n"], 0.0, b"4"),
+    "a chunk whose size has no end": (
+        [HEAD + b"Transfer-Encoding: chunked\r\n\r\n1;" + b"a" * 100_000],
+        0.0,
+        b"4",
+    ),
     "no HTTP": ([b"\x16\x03\x01\x02\x00\x01\x00\r\n\r\n"], 0.0, b"400"),
     "a header in two": (
         [b"GET / HTTP/1.1\r\nHost: localhost\r\n X: y\r\nBad Name: 1\r\n\r\n"],

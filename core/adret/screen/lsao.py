@@ -267,8 +267,8 @@ def _formula(falloff: Falloff) -> tuple[tuple[float, ...], NDArray[np.float64]]:
     """A falloff as `_kernels.screen.lsao` takes it."""
     square = falloff.radius**2
     formulas = {
-        TIMONEN: (falloff.scale, 0.0, falloff.scale, 1.0, square),
-        QUADRATIC: (square, -1.0, square, 0.0, square),
+        TIMONEN: (1.0, 0.0, 1.0, 1.0 / falloff.scale, square),
+        QUADRATIC: (1.0, -1.0 / square, 1.0, 0.0, square),
         TABLE: (falloff.scale, falloff.radius, 0.0, 0.0, 0.0),
     }
     return formulas.get(falloff.code, (1.0, 0.0, 1.0, 0.0, square)), falloff.table.copy()

@@ -3,6 +3,7 @@
     python benchmarks/scale/tiles.py size 30000      tiles of a raster of that size, 20 km range
     python benchmarks/scale/tiles.py size 8192 --all tiles that see the whole raster
     python benchmarks/scale/tiles.py overhead 8192   a whole raster, untiled and in tiles
+    python benchmarks/scale/tiles.py overhead 4096 --all    the same without a range
     python benchmarks/scale/tiles.py report          table and plot of what was measured
 
 Each writes into results/tiles.json. A raster's tiles are alike, so one row of them in its middle
@@ -16,6 +17,7 @@ import json
 import os
 import platform
 import subprocess
+import sys
 import tempfile
 import time
 from contextlib import closing
@@ -83,12 +85,18 @@ def run(job: Job, tiles: list[Tile], product: str, folder: Path) -> list[Written
     orders += [Order(str(folder), product, each.rows[0], each.columns[0]) for each in tiles]
     with closing(LocalExecutor(1, os.cpu_count() or 1)) as executor:
         found = {}
-        for order in orders:
+        for number, order in enumerate(orders):
+            say(f"{folder.name}: tile {number} of {len(orders) - 1}")
             (outcome,) = executor.map([order])
             if outcome.written is None:
                 raise RuntimeError(outcome.error)
             found[order] = outcome.written
     return [found[order] for order in orders[1:]]
+
+
+def say(words: str) -> None:
+    """Progress, with the time."""
+    print(f"{time.strftime('%H:%M:%S')} {words}", file=sys.stderr, flush=True)
 
 
 def one_size(size: int, tile: int, count: int, reach: float | None) -> Entry:
@@ -137,24 +145,42 @@ def one_size(size: int, tile: int, count: int, reach: float | None) -> Entry:
     return entry
 
 
-def overhead(size: int, tile: int) -> Entry:
+def swept_again(size: int, tile: int, directions: int) -> float:
+    """How often a sample is swept, without a range: lines of a tile begin at the raster's edge.
+
+    T (1 + t) lines pass a tile of T cells a side, t being their shear, and are swept from the edge.
+    """
+    shears = []
+    for azimuth in np.arange(directions) * 2.0 * np.pi / directions:
+        parts = sorted((abs(np.sin(azimuth)), abs(np.cos(azimuth))))
+        shears.append(parts[0] / parts[1])
+    count = -(-size // tile)
+    return 1.0 if count == 1 else float(1.0 + np.mean(shears)) * (count + 1) / 2.0
+
+
+def overhead(size: int, tile: int, reach: float | None) -> Entry:
     """Sky view of a whole raster in memory, and of the same raster tile by tile from its file."""
     with tempfile.TemporaryDirectory(dir=os.environ.get("ADRET_SCRATCH")) as name:
         folder = Path(name)
         path = folder / "moon.tif"
+        say(f"writing {size} x {size} cells")
         moon.write(path, size, [(0, size)])
+        say("reading them for their range")
         surface = Surface.open([path])
         found: dict[str, list[Written]] = {}
         for kind, side in (("tiled", tile), ("untiled", size)):
-            job = Job(surface, parameters(OVERHEAD_DIRECTIONS, RANGE), side)
+            job = Job(surface, parameters(OVERHEAD_DIRECTIONS, reach), side)
             found[kind] = run(job, job.tiles, "sky-view", folder / kind)
         entry: Entry = {
             "size": size,
             "tile": tile,
             "tiles": len(found["tiled"]),
             "directions": OVERHEAD_DIRECTIONS,
-            "max_distance": RANGE,
+            "max_distance": reach,
         }
+        if reach is None:
+            entry["swept_again"] = swept_again(size, tile, OVERHEAD_DIRECTIONS)
+            entry["bytes_swept"] = entry["swept_again"] * size**2 * OVERHEAD_DIRECTIONS * 4
         for kind, written in found.items():
             entry[f"{kind}_s"] = sum(each.seconds for each in written)
             entry[f"{kind}_cpu_s"] = sum(each.cpu_seconds for each in written)
@@ -206,11 +232,18 @@ def report() -> None:
     for entry in known.get("overhead", {}).values():
         lines += [
             "",
-            f"Sky view ({entry['directions']} azimuths) of {entry['size']}² in {entry['tiles']} "
-            f"tiles of {entry['tile']}²: {entry['tiled_cpu_s']:.1f} CPU s and "
+            f"Sky view ({entry['directions']} azimuths, range {_range(entry)}) of "
+            f"{entry['size']}² in {entry['tiles']} tiles of {entry['tile']}²: "
+            f"{entry['tiled_cpu_s']:.1f} CPU s and "
             f"{entry['tiled_peak_rss'] / 2**20:.0f} MiB; untiled {entry['untiled_cpu_s']:.1f} "
             f"CPU s and {entry['untiled_peak_rss'] / 2**20:.0f} MiB: "
-            f"{100 * entry['overhead']:+.1f} %.",
+            f"{100 * entry['overhead']:+.1f} %."
+            + (
+                f" Every sample is swept {entry['swept_again']:.1f} times an azimuth, "
+                f"{entry['bytes_swept'] / GIB:.2f} GiB in all."
+                if "swept_again" in entry
+                else ""
+            ),
         ]
     (RESULTS / "tiles.md").write_text("\n".join(lines) + "\n")
     figure, axis = pyplot.subplots(figsize=(6.0, 3.6), layout="constrained")
@@ -248,7 +281,9 @@ def main() -> None:
         key = f"{given.cells}-{given.tile}" + ("-all" if given.all else "")
         keep("size", key, one_size(given.cells, given.tile, given.count, reach))
     elif given.what == "overhead":
-        keep("overhead", f"{given.cells}-{given.tile}", overhead(given.cells, given.tile))
+        reach = None if given.all else RANGE
+        key = f"{given.cells}-{given.tile}" + ("-all" if given.all else "")
+        keep("overhead", key, overhead(given.cells, given.tile, reach))
     else:
         report()
 

@@ -1,7 +1,6 @@
 """Viewsheds and bounces tile by tile: the bytes of the product's own file."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,27 +14,9 @@ import scenes
 from adret import products
 from adret.errors import InputError
 from adret.tiling import Job, Surface, bounces, plan, prepare, run_batch
-from adret.tiling.executors import Order, Outcome, attempt
 from adret.tiling.jobs import FOLDER
 from adret.tiling.tasks import tile_path
-
-
-class Here:
-    """An executor without processes, that may stop."""
-
-    def __init__(self, stop_after: int | None = None) -> None:
-        self.stop_after = stop_after
-        self.orders: list[Order] = []
-
-    def map(self, orders: Sequence[Order]) -> Iterator[Outcome]:
-        for order in orders:
-            if len(self.orders) == self.stop_after:
-                raise KeyboardInterrupt
-            self.orders.append(order)
-            yield attempt(order)
-
-    def close(self) -> None:
-        """Nothing to let go."""
+from tile_runs import Here
 
 
 def digest(path: Path) -> str:

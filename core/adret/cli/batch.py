@@ -28,6 +28,7 @@ Examples:
   adret batch 'tiles/*.tif' out --product sky --workers 4 --memory 1G
   adret batch 'valleys/*.tif' out --each --product shadow --sun 135,20
   adret batch dem.tif out --executor dask --scheduler tcp://node1:8786
+  adret batch items.json out --product sky --format zarr
 
 Exit code 1 if a tile or a file failed; what is done is kept for --resume.
 """
@@ -42,6 +43,7 @@ def batch(
     each: bool,
     resume: bool,
     overwrite: bool,
+    format: str,
 ) -> int:
     """Run a batch and print what became of it."""
     if len(places) < 2:
@@ -51,7 +53,9 @@ def batch(
     from adret.tiling import run_batch
     from adret.tiling.executors import open_executor
     from adret.tiling.plans import default_threads
+    from adret.tiling.stores import file_of
 
+    file_of("", format)  # known, and installed
     sources, out = expand(places[:-1]), Path(places[-1])
     groups = {out: sources}
     if each:
@@ -68,9 +72,9 @@ def batch(
     ) as running:
         for folder, files in groups.items():
             try:
-                job = _ready(request, files, folder, resume, overwrite)
+                job = _ready(request, files, folder, resume, overwrite, format)
                 with _progress(folder.name) as progress:
-                    results[folder] = run_batch(job, folder, running, progress)
+                    results[folder] = run_batch(job, folder, running, progress, form=format)
             except AdretError as error:
                 if not each:
                     raise
@@ -79,7 +83,7 @@ def batch(
 
 
 def _ready(
-    request: Request, files: list[str], folder: Path, resume: bool, overwrite: bool
+    request: Request, files: list[str], folder: Path, resume: bool, overwrite: bool, form: str
 ) -> "Job":
     """A job that fits the memory, in its folder."""
     from adret.tiling import plan
@@ -91,7 +95,7 @@ def _ready(
         job = job_of(request, files, progress, known_datum(folder) if resume else None)
     found = plan(job, request.workers, default_threads(request.workers))
     check_memory(found, job, request.memory, folder)
-    prepare(job, folder, resume=resume, overwrite=overwrite)
+    prepare(job, folder, resume=resume, overwrite=overwrite, form=form)
     return job
 
 
@@ -119,7 +123,7 @@ def _summary(out: Path, results: "dict[Path, BatchReport | str]") -> int:
         for each in found.products:
             rate = f"{each.samples / each.seconds * 1e-6:.1f}" if each.samples else ""
             table.add_row(
-                str(folder.relative_to(out) / f"{each.product}.tif"),
+                str(folder.relative_to(out) / (each.file or each.product)),
                 str(each.tiles),
                 str(each.resumed),
                 str(len(each.errors)),
@@ -145,5 +149,12 @@ register = job_command(
         ("each", bool, False, None, "Every file is a surface of its own, in OUT/<name>/."),
         ("resume", bool, False, None, "Go on with what was begun in OUT."),
         ("overwrite", bool, False, None, "Replace what is in OUT."),
+        (
+            "format",
+            str,
+            "cog",
+            "NAME",
+            "Of the results: cog, zarr (version 3, in shards), or zarr2, which GDAL 3.10 reads.",
+        ),
     ),
 )

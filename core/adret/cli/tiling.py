@@ -170,13 +170,19 @@ def job_of(
 
 
 def expand(sources: Sequence[str]) -> list[str]:
-    """Files of names and patterns, without repetition; a pattern's in the order of the names.
+    """Files of names, patterns and STAC items, without repetition.
+
+    A pattern's are in the order of the names, a collection's in that of its items.
 
     Raises
     ------
     InputError
         If a pattern fits no file.
+    RasterError
+        If a document with items cannot be used.
     """
+    from adret.tiling.item_collections import is_collection, rasters_of
+
     found: list[str] = []
     for source in sources:
         names = [source]
@@ -184,7 +190,9 @@ def expand(sources: Sequence[str]) -> list[str]:
             names = sorted(glob.glob(source))
             if not names:
                 raise InputError("IN", "a file, or a pattern of files that exist", source)
-        found += [name for name in names if name not in found]
+        for name in names:
+            files = rasters_of(name) if is_collection(name) else [name]
+            found += [file for file in files if file not in found]
     return found
 
 

@@ -27,7 +27,8 @@ from adret.tiling.jobs import (
     tile_path,
     write_json,
 )
-from adret.tiling.tasks import Tile, Written, check_tiled, file_digest
+from adret.tiling.stores import file_of, store_digest, write_store
+from adret.tiling.tasks import Span, Tile, Written, check_tiled, file_digest, overlap
 
 __all__ = ["BatchReport", "ProductReport", "prepare", "run_batch"]
 
@@ -83,7 +84,9 @@ class BatchReport:
         return any(each.errors for each in self.products)
 
 
-def prepare(job: Job, out: Path, *, resume: bool = False, overwrite: bool = False) -> None:
+def prepare(
+    job: Job, out: Path, *, resume: bool = False, overwrite: bool = False, form: str = "cog"
+) -> None:
     """Make the output folder of a job, or see that it holds this very job.
 
     Raises
@@ -91,7 +94,7 @@ def prepare(job: Job, out: Path, *, resume: bool = False, overwrite: bool = Fals
     RasterError
         If the folder holds a job or a result, and neither `resume` nor `overwrite` is given.
     InputError
-        If the job to resume is another one.
+        If the job to resume is another one, or the format `form` (see `FORMATS`) is not known.
     """
     check_tiled(job)
     if not out.parent.is_dir():
@@ -99,7 +102,7 @@ def prepare(job: Job, out: Path, *, resume: bool = False, overwrite: bool = Fals
     if out.exists() and not out.is_dir():
         raise RasterError("out", "a folder", str(out))
     known = read_json(out / FOLDER / "job.json")
-    results = [out / f"{name}.tif" for name in job.products]
+    results = [out / file_of(name, form) for name in job.products]
     if known is not None and resume:
         check_same(known, job.document())
         return
@@ -113,7 +116,12 @@ def prepare(job: Job, out: Path, *, resume: bool = False, overwrite: bool = Fals
 
 
 def run_batch(
-    job: Job, out: Path, executor: TileExecutor, progress: Progress | None = None
+    job: Job,
+    out: Path,
+    executor: TileExecutor,
+    progress: Progress | None = None,
+    *,
+    form: str = "cog",
 ) -> BatchReport:
     """Run the tiles of a prepared job that are not done, and write the results.
 
@@ -126,6 +134,8 @@ def run_batch(
         Where the tiles run; it stays open.
     progress : callable, optional
         Called as progress(product, tiles done, tiles).
+    form : str
+        Format of the results: "cog"; "zarr", in whole shards; "zarr2", of version 2.
 
     Returns
     -------
@@ -134,20 +144,26 @@ def run_batch(
     """
     found = BatchReport()
     for product in job.products:
-        found.products.append(_run_product(job, out.absolute(), product, executor, progress))
+        found.products.append(_run_product(job, out.absolute(), product, executor, progress, form))
     if not found.failed:
         shutil.rmtree(out / FOLDER / FRAMES, ignore_errors=True)
     return found
 
 
 def _run_product(
-    job: Job, out: Path, product: str, executor: TileExecutor, progress: Progress | None
+    job: Job,
+    out: Path,
+    product: str,
+    executor: TileExecutor,
+    progress: Progress | None,
+    form: str,
 ) -> ProductReport:
     start = time.perf_counter()
     tiles = job.tiles
     report = ProductReport(product=product, tiles=len(tiles))
-    if _is_written(out, product, job):
-        report.file, report.resumed = f"{product}.tif", len(tiles)
+    file = file_of(product, form)
+    if _is_written(out, product, job, form):
+        report.file, report.resumed = file, len(tiles)
         return report
     orders = _Orders(out, executor, report, progress)
     if product == "bounce" and len(tiles) > 1:
@@ -157,9 +173,9 @@ def _run_product(
         report.resumed = orders.resumed
     if not report.errors:
         receipts = [_receipt(out, product, tile) for tile in tiles]
-        _assemble(job, out, product, receipts[0])
-        report.file = f"{product}.tif"
-        _remember(out, job, product, receipts, report)
+        _assemble(job, out, product, receipts[0], form)
+        report.file = file
+        _remember(out, job, product, receipts, report, form)
         shutil.rmtree(out / FOLDER / product)
     report.seconds = time.perf_counter() - start
     return report
@@ -242,9 +258,18 @@ def _receipt(out: Path, product: str, tile: Tile) -> Written:
     return written
 
 
-def _assemble(job: Job, out: Path, product: str, written: Written) -> None:
-    """Write the result from the tiles: the file that the product's own command writes."""
+def _assemble(job: Job, out: Path, product: str, written: Written, form: str) -> None:
+    """Write the result from the tiles: the file that the product's own command writes, or Zarr."""
     about = written.about
+    if form != "cog":
+
+        def read(band: int, rows: Span, columns: Span) -> NDArray[Any]:
+            return _part(job, out, product, band, rows, columns)
+
+        version = 2 if form == "zarr2" else 3
+        target, grid = out / file_of(product, form), job.surface.grid
+        write_store(target, read, grid, name=product, about=about, version=version)
+        return
     write_windows(
         out / f"{product}.tif",
         _windows(job, out, product, len(about["names"])),
@@ -268,8 +293,38 @@ def _windows(job: Job, out: Path, product: str, bands: int) -> Iterator[Window]:
             yield index, tile.rows, tile.columns, numbers
 
 
+def _part(job: Job, out: Path, product: str, band: int, rows: Span, columns: Span) -> NDArray[Any]:
+    """The stored numbers of a window, from the tiles that it touches."""
+    import rasterio
+
+    found: NDArray[Any] | None = None
+    for tile in job.tiles:
+        down, across = overlap(tile.rows, rows), overlap(tile.columns, columns)
+        if down[0] >= down[1] or across[0] >= across[1]:
+            continue
+        path, corner = tile_path(out, product, tile), (tile.rows[0], tile.columns[0])
+        with rasterio.Env(**GDAL_OPTIONS), rasterio.open(path, driver="GTiff") as dataset:
+            window = tuple(
+                (span[0] - first, span[1] - first)
+                for span, first in zip((down, across), corner, strict=True)
+            )
+            numbers = np.asarray(dataset.read(band + 1, window=window))
+        if found is None:
+            found = np.empty((rows[1] - rows[0], columns[1] - columns[0]), numbers.dtype)
+        found[
+            down[0] - rows[0] : down[1] - rows[0], across[0] - columns[0] : across[1] - columns[0]
+        ] = numbers
+    assert found is not None
+    return found
+
+
 def _remember(
-    out: Path, job: Job, product: str, receipts: list[Written], report: ProductReport
+    out: Path,
+    job: Job,
+    product: str,
+    receipts: list[Written],
+    report: ProductReport,
+    form: str,
 ) -> None:
     """Enter a result into the manifest."""
     manifest = read_json(out / MANIFEST) or {"products": {}}
@@ -277,8 +332,9 @@ def _remember(
     path = out / report.file
     manifest["products"][product] = {
         "file": report.file,
-        "bytes": path.stat().st_size,
-        "sha256": file_digest(path),
+        "format": form,
+        "bytes": sum(each.stat().st_size for each in _files(path)),
+        "sha256": _digest(path),
         "tiles": {
             tile.name: written.sha256 for tile, written in zip(job.tiles, receipts, strict=True)
         },
@@ -288,11 +344,21 @@ def _remember(
     write_json(out / MANIFEST, manifest)
 
 
-def _is_written(out: Path, product: str, job: Job) -> bool:
+def _files(path: Path) -> list[Path]:
+    return [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]
+
+
+def _digest(path: Path) -> str:
+    return file_digest(path) if path.is_file() else store_digest(path)
+
+
+def _is_written(out: Path, product: str, job: Job, form: str) -> bool:
     """Whether the manifest has the product's file, and the file is that one."""
     manifest = read_json(out / MANIFEST)
     if manifest is None or manifest.get("job") != digest(job.document()):
         return False
     known = manifest["products"].get(product)
-    path = out / f"{product}.tif"
-    return known is not None and path.exists() and file_digest(path) == known["sha256"]
+    path = out / file_of(product, form)
+    if known is None or known.get("format", "cog") != form or not path.exists():
+        return False
+    return bool(_digest(path) == known["sha256"])

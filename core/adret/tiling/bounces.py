@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from adret._gdal import atomic
 from adret.bounce_bounds import Maxima, Rest, left_out
 from adret.parameters import BounceParameters
-from adret.tiling.tasks import FOLDER, Tile, Written, around, halo, meter, tile_path
+from adret.tiling.tasks import FOLDER, Tile, Written, around, halo, meter, overlap, tile_path
 
 if TYPE_CHECKING:
     from adret.products import Result
@@ -238,7 +238,7 @@ def _sent(job: "Job", number: int, rows: Span, columns: Span, out: Path) -> Laye
     found: Layers | None = None
     shape = rows[1] - rows[0], columns[1] - columns[0]
     for tile in job.tiles:
-        down, across = _common(tile.rows, rows), _common(tile.columns, columns)
+        down, across = overlap(tile.rows, rows), overlap(tile.columns, columns)
         if down[0] >= down[1] or across[0] >= across[1]:
             continue
         with _opened(out, number, tile) as file:
@@ -249,10 +249,6 @@ def _sent(job: "Job", number: int, rows: Span, columns: Span, out: Path) -> Laye
         found[:, *target] = part[:, *_slices((down, across), (tile.rows[0], tile.columns[0]))]
     assert found is not None
     return found
-
-
-def _common(one: Span, other: Span) -> Span:
-    return max(one[0], other[0]), min(one[1], other[1])
 
 
 def _slices(spans: tuple[Span, Span], corner: tuple[int, int]) -> tuple[slice, ...]:

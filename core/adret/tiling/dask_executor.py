@@ -35,6 +35,9 @@ class DaskExecutor:
     def __init__(self, workers: int, threads: int, scheduler: str | None = None) -> None:
         self._cluster: Any = None
         self._threads = threads
+        # What goes wrong is said by our own errors; Dask's tracebacks would drown them.
+        for name in ("distributed", "distributed.client"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         if scheduler is None:
             self._cluster = LocalCluster(
                 n_workers=workers,
@@ -49,7 +52,13 @@ class DaskExecutor:
             raise InputError("scheduler", " ".join(limit.split()), scheduler) from None
 
     def map(self, orders: Sequence[Order]) -> Iterator[Outcome]:
-        """Run every order once; Dask repeats those whose worker died."""
+        """Run every order once; Dask repeats those whose worker died.
+
+        Raises
+        ------
+        InputError
+            If the scheduler is gone; tiles that are done stay on the disk.
+        """
         if not orders:
             return
         shared = None if self._cluster is None else self._threads
@@ -62,17 +71,19 @@ class DaskExecutor:
                 try:
                     yield future.result()
                 except Exception as error:  # of Dask's own: a worker died too often, was cancelled
+                    if self._client.status != "running":
+                        limit = "one that goes on answering (--resume keeps what is done)"
+                        address = getattr(self._client.scheduler, "address", None)
+                        raise InputError("scheduler", limit, address) from None
                     kind = type(error).__name__
                     yield Outcome(futures[future], None, f"dask: {kind}")
                 future.release()
         finally:
-            self._client.cancel(list(futures))
+            if self._client.status == "running":
+                self._client.cancel(list(futures))
 
     def close(self) -> None:
         """Leave the cluster; end it if it was started here."""
-        if self._cluster is not None:
-            # A process that is not gone at once is no reason for a warning: tiles are whole.
-            logging.getLogger("distributed").setLevel(logging.ERROR)
         self._client.close()
         if self._cluster is not None:
             self._cluster.close()

@@ -268,6 +268,11 @@ def tile_path(out: Path, product: str, tile: Tile) -> Path:
     return out / FOLDER / product / f"{tile.name}.{'npz' if '/' in product else 'tif'}"
 
 
+def overlap(one: Span, other: Span) -> Span:
+    """What two spans share; its end is not after its start if that is nothing."""
+    return max(one[0], other[0]), min(one[1], other[1])
+
+
 def halo(job: "Job", parameters: Parameters, tile: Tile) -> int | None:
     """Cells round a tile that it sees; None for all there are."""
     from adret.horizon import HorizonOptions

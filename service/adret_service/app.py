@@ -147,9 +147,14 @@ def open_service(
     stack.callback(viewers.close)
     partials = Partials(settings.data_dir / "partial", settings.upload_ttl)
     partials.sweep()
-    looked = Lookup(engine.look)
+    looking = (
+        Lookup(engine.look),
+        Lookup(catalogue.look),
+        Lookup(lambda names: dict.fromkeys(names, engine.waiting())),
+    )
+    shared = (settings, engine, catalogue, storage, ingest, viewers, partials, *looking)
     if settings.auth == "none":
-        return Service(settings, engine, catalogue, storage, ingest, viewers, partials, looked)
+        return Service(*shared)
     rates = {
         "api": settings.rate_api,
         "submit": settings.rate_submit,
@@ -158,16 +163,4 @@ def open_service(
     buckets = {name: Buckets(Rate.parse(text)) for name, text in rates.items()}
     keys = KeyFile(settings.keys_file)
     tokens = token_maker(settings)
-    return Service(
-        settings,
-        engine,
-        catalogue,
-        storage,
-        ingest,
-        viewers,
-        partials,
-        looked,
-        keys,
-        buckets,
-        tokens,
-    )
+    return Service(*shared, keys, buckets, tokens)

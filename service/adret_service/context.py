@@ -10,7 +10,7 @@ from starlette.datastructures import Headers
 from starlette.requests import Request as PlainRequest
 
 from adret_service.auth import LOCAL, Credential, KeyFile
-from adret_service.datasets import DatasetCatalogue
+from adret_service.datasets import Dataset, DatasetCatalogue
 from adret_service.engine.port import JobEngine, JobRecord
 from adret_service.ingest import Ingest
 from adret_service.lookup import Lookup
@@ -27,6 +27,7 @@ __all__ = ["Service", "ServiceDep", "Tenant", "base_url"]
 BEARER = HTTPBearer(auto_error=False, description="An API key, where the service asks for one.")
 HEADER = APIKeyHeader(name="X-API-Key", auto_error=False, description="The same.")
 TOKEN = APIKeyQuery(name="token", auto_error=False, description="For maps: of a TileJSON document.")
+WAITING = "waiting"
 READING = ("GET", "HEAD")
 
 
@@ -42,6 +43,8 @@ class Service:
     viewers: Viewers
     partials: Partials
     jobs: Lookup[JobRecord]
+    datasets: Lookup[Dataset]
+    queue: Lookup[int]  # of WAITING
     keys: KeyFile | None = None
     rates: dict[str, Buckets] | None = None
     tokens: TokenMaker | None = None

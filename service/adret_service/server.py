@@ -1,6 +1,7 @@
 """Runs the HTTP server, and its workers when it has that role."""
 
 import contextlib
+import gc
 
 from adret_service.settings import Settings
 from adret_service.supervisor import Supervisor
@@ -37,4 +38,8 @@ def serve(settings: Settings) -> None:
             limit_concurrency=1000,
             timeout_graceful_shutdown=5,
         )
+        # What start-up made stays for good. Looking through it for garbage, as Python does every so
+        # often, would hold every answer up for 50 to 300 ms.
+        gc.collect()
+        gc.freeze()
         uvicorn.Server(config).run()

@@ -1,6 +1,7 @@
 """What many clients ask at once: the state of a job, told fresh, cheaply, and once if known."""
 
 import asyncio
+import gc
 import subprocess
 import sys
 import threading
@@ -8,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import uvicorn
 from servers import AppClient
 
 from adret_service.app import create_app
@@ -16,6 +18,7 @@ from adret_service.engine.port import JobRecord
 from adret_service.ids import new_id
 from adret_service.lookup import Lookup
 from adret_service.precedence import GROUP
+from adret_service.server import serve
 from adret_service.settings import Settings
 
 
@@ -132,3 +135,15 @@ def test_a_session_of_its_own_steps_back_as_a_whole() -> None:
         check=True,
     )
     assert told.stdout.split()[1:] == ["nice", "7", "0"]
+
+
+def test_what_start_up_made_is_not_looked_through_for_garbage_while_clients_wait(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    frozen: list[int] = []
+    monkeypatch.setattr(uvicorn.Server, "run", lambda _: frozen.append(gc.get_freeze_count()))
+    try:
+        serve(Settings(data_dir=tmp_path, role="api"))
+    finally:
+        gc.unfreeze()
+    assert frozen[0] > 100_000

@@ -2,9 +2,11 @@
 
 from typing import Any
 
+from anyio.to_thread import run_sync
 from fastapi import APIRouter
 
-from adret_service.context import BaseUrl, ServiceDep, Tenant
+from adret_service.context import BaseUrl, Service, ServiceDep, Tenant
+from adret_service.datasets import Dataset
 from adret_service.documents import Estimate
 from adret_service.engine.port import JobFilter, JobStatus
 from adret_service.estimate import cost, seconds
@@ -28,7 +30,7 @@ LEARNT = 50  # earlier jobs that are looked at
         "requestBody": {"content": {"application/json": {"examples": EXECUTIONS}}},
     },
 )
-def estimate(
+async def estimate(
     process_id: str, order: Execute, service: ServiceDep, tenant: Tenant, base: BaseUrl
 ) -> dict[str, Any]:
     """Say what an order would cost, without placing it: cells, passes, bytes, seconds.
@@ -37,11 +39,18 @@ def estimate(
     built-in line. An order that could not be run is refused as it would be.
     """
     process = known_process(service, process_id)
-    _, inputs, dataset = checked(service, process, order, tenant, base)
+    _, inputs, dataset = await checked(service, process, order, tenant, base)
     if dataset is None:
         expected = float(inputs.get("pause", 0.0))
         time = {"expected": expected, "low": expected, "high": expected, "basis": "the inputs"}
         return {"process": process_id, "cells": 0, "passes": 0, "seconds": time, "accepted": True}
+    return await run_sync(estimated, service, process_id, inputs, dataset, tenant)
+
+
+def estimated(
+    service: Service, process_id: str, inputs: dict[str, Any], dataset: Dataset, tenant: str
+) -> dict[str, Any]:
+    """Return what a checked order would cost."""
     found = cost(process_id, inputs, dataset.info)
     done = JobFilter(statuses=frozenset({JobStatus.SUCCESSFUL}), processes=frozenset({process_id}))
     earlier = service.engine.list(tenant, done, limit=LEARNT)

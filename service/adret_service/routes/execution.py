@@ -13,7 +13,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Header, Request, Response
 from starlette.responses import JSONResponse
 
-from adret_service.context import BaseUrl, Service, ServiceDep, Tenant
+from adret_service.context import WAITING, BaseUrl, Service, ServiceDep, Tenant
 from adret_service.datasets import Dataset
 from adret_service.documents import StatusInfo
 from adret_service.engine.port import JobRecord, KeyReused, OverQuota, Quota, RequestKey
@@ -116,7 +116,9 @@ async def execute_process(
     """
     process = known_process(service, process_id)
     preferred = preferences(prefer or [])
-    place = partial(placed, service, process, order, tenant, base, request, key)
+    what = await checked(service, process, order, tenant, base)
+    waiting = await service.queue.get(WAITING) or 0
+    place = partial(placed, service, process, order, tenant, base, request, key, waiting, what)
     job, cells = await run_sync(place)
     headers = {k: v for k, v in response.headers.items() if k.startswith("ratelimit")}
     seconds = patience(process, cells, preferred, service.settings)
@@ -144,15 +146,16 @@ def placed(
     base: str,
     request: Request,
     key: str | None,
+    waiting: int,
+    what: tuple[str, dict[str, Any], Dataset | None],
 ) -> tuple[JobRecord, int]:
-    """Check an order and have it accepted; returns its job and the cells it is about."""
-    dataset, inputs, found = checked(service, process, order, tenant, base)
+    """Have a checked order accepted; returns its job and the cells it is about."""
+    dataset, inputs, found = what
     outbound = Outbound(
         service.settings.webhook_hosts, allow_private=service.settings.webhook_allow_private
     )
     wanted = checked_request(order, process, outbound)
     require_room(service)
-    waiting = service.engine.waiting()
     if waiting >= service.settings.queue_max:
         detail = f"queue: must be below {service.settings.queue_max} waiting jobs, got {waiting}"
         raise Problem(503, detail, headers={"Retry-After": "30"})
@@ -191,7 +194,7 @@ def placed(
     return job, cells
 
 
-def checked(
+async def checked(
     service: Service, process: Process, order: Execute, tenant: str, base: str
 ) -> tuple[str, dict[str, Any], Dataset | None]:
     """Return the dataset's id, the inputs and the dataset of an order that could be run."""
@@ -199,8 +202,8 @@ def checked(
     dataset, checked_inputs = process.validate(inputs)
     if process.reads is None:
         return dataset, checked_inputs, None
-    found = service.catalogue.get(dataset, tenant)
-    if found is None:
+    found = await service.datasets.get(dataset)
+    if found is None or found.tenant != tenant:
         raise invalid(unknown_dataset(dataset))
     kind = found.info.get("kind", "terrain")
     if kind != process.reads:

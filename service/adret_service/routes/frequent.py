@@ -22,7 +22,7 @@ from adret_service.problems import NO_SUCH_JOB, FieldError, Problem
 from adret_service.results import file_name
 from adret_service.status import artefacts_of, status_info
 
-__all__ = ["ROUTES", "answer_output", "answer_status"]
+__all__ = ["ROUTES", "answer_output", "answer_status", "known_job"]
 
 ALIASES = {"preview.png": "preview", "result.tif": "result"}
 
@@ -92,11 +92,16 @@ async def found(request: Request) -> tuple[Service, JobRecord, dict[str, str]]:
         request, secret_of(request.headers), request.query_params.get("token")
     )
     service = parts(request)
-    job_id = str(request.path_params["job_id"])
-    job = await service.jobs.get(job_id) if is_id(job_id) else None
-    if job is None or job.tenant != credential.tenant:
-        raise Problem(404, "no such job", type_=NO_SUCH_JOB)
+    job = await known_job(service, str(request.path_params["job_id"]), credential.tenant)
     return service, job, headers
+
+
+async def known_job(service: Service, job_id: str, tenant: str) -> JobRecord:
+    """Return the job or answer 404."""
+    job = await service.jobs.get(job_id) if is_id(job_id) else None
+    if job is None or job.tenant != tenant:
+        raise Problem(404, "no such job", type_=NO_SUCH_JOB)
+    return job
 
 
 ROUTES = [

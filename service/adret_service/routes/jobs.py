@@ -15,8 +15,7 @@ from adret_service.listing import Shown
 from adret_service.paging import Before, Limit, page_links
 from adret_service.problems import NO_SUCH_JOB, FieldError, Problem
 from adret_service.routes.frequent import answer_status
-from adret_service.status import artefacts_of, prefix_of, status_info
-from adret_service.storage import Artefact
+from adret_service.status import prefix_of, status_info
 
 router = APIRouter(tags=["jobs"])
 
@@ -106,8 +105,3 @@ def found_job(service: Service, job_id: str, tenant: str) -> JobRecord:
     if job is None:
         raise Problem(404, "no such job", type_=NO_SUCH_JOB)
     return job
-
-
-def finished_results(service: Service, job_id: str, tenant: str) -> dict[str, Artefact]:
-    """Return the artefacts of a successful job, or answer why there are none."""
-    return artefacts_of(service.storage, found_job(service, job_id, tenant))

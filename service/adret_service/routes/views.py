@@ -3,20 +3,22 @@
 import hashlib
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
+from anyio.to_thread import run_sync
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 
 import adret
 from adret_service.context import BaseUrl, ServiceDep, Tenant
 from adret_service.documents import PointValues, TileGrid
+from adret_service.ids import is_id
 from adret_service.maps import PAGE, SECURITY
 from adret_service.problems import FieldError, Problem, invalid
-from adret_service.routes.datasets import found_dataset
-from adret_service.routes.jobs import finished_results
+from adret_service.routes.frequent import known_job
+from adret_service.status import artefacts_of
 from adret_service.viewers import View
 
 router = APIRouter(tags=["views"])
@@ -62,20 +64,24 @@ class Raster:
     path: str
 
 
-def raster_of_dataset(dataset_id: str, service: ServiceDep, tenant: Tenant) -> Raster:
+async def raster_of_dataset(dataset_id: str, service: ServiceDep, tenant: Tenant) -> Raster:
     """Return a dataset's raster or answer 404."""
-    return Raster(found_dataset(service, dataset_id, tenant).key, f"/datasets/{dataset_id}")
+    found = await service.datasets.get(dataset_id) if is_id(dataset_id) else None
+    if found is None or found.tenant != tenant:
+        raise Problem(404, "no such dataset")
+    return Raster(found.key, f"/datasets/{dataset_id}")
 
 
-def raster_of_job(job_id: str, service: ServiceDep, tenant: Tenant) -> Raster:
+async def raster_of_job(job_id: str, service: ServiceDep, tenant: Tenant) -> Raster:
     """Return a finished job's raster or answer why there is none."""
-    result = finished_results(service, job_id, tenant).get("result")
+    job = await known_job(service, job_id, tenant)
+    result = (await run_sync(artefacts_of, service.storage, job)).get("result")
     if result is None:
         raise Problem(404, "this job has made no raster")
     return Raster(result.key, f"/jobs/{job_id}")
 
 
-def add_views(path: str, name: str, find: Callable[..., Raster]) -> None:
+def add_views(path: str, name: str, find: Callable[..., Awaitable[Raster]]) -> None:
     """Add all views of one kind of raster below `path`."""
     Found = Annotated[Raster, Depends(find)]
 

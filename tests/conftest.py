@@ -2,6 +2,7 @@
 
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,14 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 # A shell that starts the tests in the background has children ignore Ctrl-C, which some tests send.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def nothing_said_of_compilation() -> Iterator[None]:
+    """Commands that tests run in this process say the same whether kernels are new or not."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("adret.cli.running.say_compiling", lambda: None)
+        yield
 
 
 @pytest.fixture(scope="session")

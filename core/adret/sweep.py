@@ -87,10 +87,13 @@ class SweepFrame:
             self._z = stored.frame(orientation, near)
         else:
             self._z = np.full((shape[0] + rows, shape[1] + columns + RIGHT), np.nan, np.float32)
-            copy_oriented(heights, self._z[rows:, columns:-RIGHT], *self._turn())
         first = origin[1] if orientation.swap else origin[0]
         self._anchor = 1 - shape[0] - first if orientation.flip_rows else first
         self._best: Layer = np.empty(shape, np.float32)
+        if not stored:
+            # By way of a layer: an array with gaps would compile another kernel.
+            copy_oriented(heights, self._best, *self._turn())
+            self._z[rows:, columns:-RIGHT] = self._best
         self.left_out: Counter[str] = Counter()  # receivers, by skip
         self._top: np.float32 | None = None
         self._distance: Layer | None = None
@@ -163,7 +166,7 @@ class SweepFrame:
         frame_rows, frame_columns = self._span(rows)
         shared = (self._z, self._pad, crossings.offsets, crossings.p, crossings.q, crossings.k)
         if distance is None:
-            far = np.empty((0, 0), np.float32)
+            far = None
             near_field(*shared, frame_rows, frame_columns, self._best)
         else:
             if self._distance is None:
@@ -185,7 +188,7 @@ class SweepFrame:
                 far,
             )
         self._write(self._best, slope, rows)
-        if distance is not None:
+        if far is not None and distance is not None:
             self._write(far, distance, rows)
 
     def march(
@@ -224,7 +227,7 @@ class SweepFrame:
         pool: int,
         rows: NDArray[np.int64],
         columns: NDArray[np.int64],
-        distance: Layer,
+        distance: Layer | None,
     ) -> None:
         f = np.float32
         limits = (
@@ -294,6 +297,7 @@ class SweepFrame:
         o = self.orientation
         down, across = self._span(rows)
         part = layer[down[0] : down[1], across[0] : across[1]]
+        part.flags.writeable = False  # as heights are: one kernel serves both
         flips = (o.flip_rows, o.flip_columns)
         # The inverse of "transpose, then flip" flips the other axis after transposing.
         copy_oriented(part, target[slice(*rows)], o.swap, *(flips[::-1] if o.swap else flips))

@@ -1,14 +1,16 @@
 """Copies between the north-up raster and the sweep frame (see `adret.sweep`)."""
 
+from typing import Any
+
 import numpy as np
 
 from adret._kernels.angles import atan_slope
-from adret._kernels.jit import index, kernel, parallel_kernel, prange
+from adret._kernels.jit import first_rows, helper, index, shared_kernel
 
 TILE = 32  # a tile of both arrays fits the first-level cache while rows turn into columns
 
 
-@kernel
+@helper
 def _transpose_tile(source, target, i0, i1, j0, j1, flip_i, flip_j):
     n, m = target.shape
     for i in range(i0, i1):
@@ -22,14 +24,18 @@ def _transpose_tile(source, target, i0, i1, j0, j1, flip_i, flip_j):
                 row[index(j)] = source[index(j), column]
 
 
-@parallel_kernel
-def copy_oriented(source, target, swap, flip_rows, flip_columns):
+def _bands(source: Any, target: Any, *_: Any) -> int:
+    return -(-len(target) // TILE)
+
+
+@shared_kernel(_bands)
+def copy_oriented(start, stop, source, target, swap, flip_rows, flip_columns):
     """Fill `target` with `source`, transposed if `swap`, then flipped along target rows, columns.
 
     ``target[i, j] = source'[i or n-1-i, j or m-1-j]`` where source' is source or its transpose.
     """
     n, m = target.shape
-    for band in prange((n + TILE - 1) // TILE):
+    for band in range(start, stop):
         i0 = band * TILE
         i1 = min(n, i0 + TILE)
         if swap:
@@ -48,20 +54,20 @@ def copy_oriented(source, target, swap, flip_rows, flip_columns):
                     row[index(j)] = line[index(j)]
 
 
-@parallel_kernel
-def mask_nodata(heights, layer):
+@shared_kernel(first_rows)
+def mask_nodata(start, stop, heights, layer):
     """Set `layer` to NaN where `heights` is NaN."""
-    for i in prange(layer.shape[0]):
+    for i in range(start, stop):
         z = heights[i]
         row = layer[i]
         for j in range(row.shape[0]):
             row[j] = row[j] if z[j] == z[j] else np.float32(np.nan)
 
 
-@parallel_kernel
-def to_elevation(slope, elevation):
+@shared_kernel(first_rows)
+def to_elevation(start, stop, slope, elevation):
     """Elevation angle [radians] of each slope; NaN stays, -inf becomes -π/2."""
-    for i in prange(slope.shape[0]):
+    for i in range(start, stop):
         s = slope[i]
         row = elevation[i]
         for j in range(row.shape[0]):

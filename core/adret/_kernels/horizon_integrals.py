@@ -9,16 +9,16 @@ keeps the slope.
 import numpy as np
 
 from adret._kernels.angles import HALF_PI, atan_slope, slope_of_angle
-from adret._kernels.jit import parallel_kernel, prange
+from adret._kernels.jit import first_rows, shared_kernel
 
 ZERO = np.float32(0.0)
 ONE = np.float32(1.0)
 
 
-@parallel_kernel
-def add_sine(slope, total):
+@shared_kernel(first_rows)
+def add_sine(start, stop, slope, total):
     """Add sin max(h, 0)."""
-    for y in prange(slope.shape[0]):
+    for y in range(start, stop):
         layer = slope[y]
         out = total[y]
         for x in range(len(out)):
@@ -26,10 +26,10 @@ def add_sine(slope, total):
             out[x] += t / np.sqrt(ONE + t * t)
 
 
-@parallel_kernel
-def add_cosine_squared(slope, total):
+@shared_kernel(first_rows)
+def add_cosine_squared(start, stop, slope, total):
     """Add cos² max(h, 0)."""
-    for y in prange(slope.shape[0]):
+    for y in range(start, stop):
         layer = slope[y]
         out = total[y]
         for x in range(len(out)):
@@ -37,24 +37,24 @@ def add_cosine_squared(slope, total):
             out[x] += ONE / (ONE + t * t)
 
 
-@parallel_kernel
-def add_angle(slope, total):
+@shared_kernel(first_rows)
+def add_angle(start, stop, slope, total):
     """Add h [radians]; -π/2 where there is no terrain."""
-    for y in prange(slope.shape[0]):
+    for y in range(start, stop):
         layer = slope[y]
         out = total[y]
         for x in range(len(out)):
             out[x] += atan_slope(layer[x])
 
 
-@parallel_kernel
-def add_tilted(slope, to_east, to_north, sin_azimuth, cos_azimuth, lowest, total):
+@shared_kernel(first_rows)
+def add_tilted(start, stop, slope, to_east, to_north, sin_azimuth, cos_azimuth, lowest, total):
     """Add one term of Dozier and Frew's eq. 7b over n_u, with e = max(h, hp, floor).
 
     The plane's own horizon hp has the slope tp = p sin φ + q cos φ, and n_e sin φ + n_n cos φ is
     -n_u tp, so the term over n_u is cos² e - tp (π/2 - e - ½ sin 2e). `lowest` is tan(floor).
     """
-    for y in prange(slope.shape[0]):
+    for y in range(start, stop):
         layer = slope[y]
         p = to_east[y]
         q = to_north[y]
@@ -67,20 +67,20 @@ def add_tilted(slope, to_east, to_north, sin_azimuth, cos_azimuth, lowest, total
             out[x] += cosine2 - tp * (HALF_PI - atan_slope(t) - t * cosine2)
 
 
-@parallel_kernel
-def slopes_of_angles(elevation, steepest, slope):
+@shared_kernel(first_rows)
+def slopes_of_angles(start, stop, elevation, steepest, slope):
     """Slopes of elevations [radians]; ±`steepest` at and beyond ±π/2."""
-    for y in prange(elevation.shape[0]):
+    for y in range(start, stop):
         angle = elevation[y]
         out = slope[y]
         for x in range(len(out)):
             out[x] = slope_of_angle(angle[x], steepest)
 
 
-@parallel_kernel
-def drain(partial, total):
+@shared_kernel(first_rows)
+def drain(start, stop, partial, total):
     """Move the float32 sums of a few azimuths into the float64 total."""
-    for y in prange(partial.shape[0]):
+    for y in range(start, stop):
         few = partial[y]
         out = total[y]
         for x in range(len(out)):

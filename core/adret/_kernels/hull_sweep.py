@@ -16,10 +16,11 @@ curvature the hull holds z - bend·s², under which the hull of a bent line is t
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
-from adret._kernels.jit import greater, index, inline, kernel, parallel_kernel, prange
+from adret._kernels.jit import greater, helper, index, inline, shared_kernel
 
 SNAP = 1e-9  # cells: a line this near to a vertex passes it
 RIGHT = 5  # columns of NaN that a frame needs on the right
@@ -38,28 +39,34 @@ def _cut(t, step):
     return base, np.float32(f if f >= SNAP else 0.0)
 
 
-@kernel
-def _highest_of_four(a0, b0, a1, b1, a2, b2, a3, b3, f, steps, height, position):
+@helper
+def _highest_of_four(z, at, aside, f, steps, height, position):
     """Highest of four samples of each line, the last of equals, and its position; -inf if all NaN.
+
+    `z` is flat; the four lie between its places `at`, of the first line, and those `aside` of them.
 
     Four at once write plainly; one by one they would be masked stores (see `jit.greater`).
     """
-    for line in range(len(height)):
-        z = greater(a0[line] + (b0[line] - a0[line]) * f[0], NOTHING)
+    a0, a1, a2, a3 = index(at[0]), index(at[1]), index(at[2]), index(at[3])
+    b0, b1 = a0 + index(aside[0]), a1 + index(aside[1])
+    b2, b3 = a2 + index(aside[2]), a3 + index(aside[3])
+    for place in range(len(height)):
+        x = index(place)
+        top = greater(z[a0 + x] + (z[b0 + x] - z[a0 + x]) * f[0], NOTHING)
         s = steps[0]
-        h = a1[line] + (b1[line] - a1[line]) * f[1]
-        s = steps[1] if h >= z else s
-        z = greater(h, z)
-        h = a2[line] + (b2[line] - a2[line]) * f[2]
-        s = steps[2] if h >= z else s
-        z = greater(h, z)
-        h = a3[line] + (b3[line] - a3[line]) * f[3]
-        position[line] = steps[3] if h >= z else s
-        height[line] = greater(h, z)
+        h = z[a1 + x] + (z[b1 + x] - z[a1 + x]) * f[1]
+        s = steps[1] if h >= top else s
+        top = greater(h, top)
+        h = z[a2 + x] + (z[b2 + x] - z[a2 + x]) * f[2]
+        s = steps[2] if h >= top else s
+        top = greater(h, top)
+        h = z[a3 + x] + (z[b3 + x] - z[a3 + x]) * f[3]
+        position[x] = steps[3] if h >= top else s
+        height[x] = greater(h, top)
 
 
-@kernel
-def pool_samples(z, pad, t, anchor, first, columns, start, stop, f, steps, height, position):
+@helper
+def pool_samples(z, pad, t, anchor, first, columns, start, stop, height, position):
     """Highest sample of each line among rows start..stop, at most four; -inf where there is none.
 
     Reads up to three columns beyond the raster on either side, where the frame holds NaN.
@@ -79,32 +86,28 @@ def pool_samples(z, pad, t, anchor, first, columns, start, stop, f, steps, heigh
     r1 = min(start + 1, stop - 1)
     r2 = min(start + 2, stop - 1)
     r3 = stop - 1
-    x0, f[0] = _cut(t, r0 + anchor)
-    x1, f[1] = _cut(t, r1 + anchor)
-    x2, f[2] = _cut(t, r2 + anchor)
-    x3, f[3] = _cut(t, r3 + anchor)
-    steps[0] = r0
-    steps[1] = r1
-    steps[2] = r2
-    steps[3] = r3
+    x0, f0 = _cut(t, r0 + anchor)
+    x1, f1 = _cut(t, r1 + anchor)
+    x2, f2 = _cut(t, r2 + anchor)
+    x3, f3 = _cut(t, r3 + anchor)
     # With weight 0 the right-hand cell must not matter, even where it is NaN.
-    s0 = 1 if f[0] > 0.0 else 0
-    s1 = 1 if f[1] > 0.0 else 0
-    s2 = 1 if f[2] > 0.0 else 0
-    s3 = 1 if f[3] > 0.0 else 0
-    lo_z = first + pad[1] + lo
-    hi_z = first + pad[1] + hi
+    s0 = 1 if f0 > 0.0 else 0
+    s1 = 1 if f1 > 0.0 else 0
+    s2 = 1 if f2 > 0.0 else 0
+    s3 = 1 if f3 > 0.0 else 0
+    place = first + pad[1] + lo
+    across = z.shape[1]
     _highest_of_four(
-        z[r0 + pad[0], lo_z + x0 : hi_z + x0],
-        z[r0 + pad[0], lo_z + x0 + s0 : hi_z + x0 + s0],
-        z[r1 + pad[0], lo_z + x1 : hi_z + x1],
-        z[r1 + pad[0], lo_z + x1 + s1 : hi_z + x1 + s1],
-        z[r2 + pad[0], lo_z + x2 : hi_z + x2],
-        z[r2 + pad[0], lo_z + x2 + s2 : hi_z + x2 + s2],
-        z[r3 + pad[0], lo_z + x3 : hi_z + x3],
-        z[r3 + pad[0], lo_z + x3 + s3 : hi_z + x3 + s3],
-        f,
-        steps,
+        z.reshape(z.size),
+        (
+            (r0 + pad[0]) * across + place + x0,
+            (r1 + pad[0]) * across + place + x1,
+            (r2 + pad[0]) * across + place + x2,
+            (r3 + pad[0]) * across + place + x3,
+        ),
+        (s0, s1, s2, s3),
+        (f0, f1, f2, f3),
+        (np.float32(r0), np.float32(r1), np.float32(r2), np.float32(r3)),
         height[lo:hi],
         position[lo:hi],
     )
@@ -128,7 +131,7 @@ def _between(left_z, left_s, right_z, right_s, weight, here, c, shear, reach):
     return height if counts else NOTHING, right * share + left * weight
 
 
-@kernel
+@helper
 def _gather(left_z, left_s, right_z, right_s, receiver, best, weight, here, limits, column):
     """Raise `best` by the slopes to the points between the vertices of two lines.
 
@@ -145,7 +148,7 @@ def _gather(left_z, left_s, right_z, right_s, receiver, best, weight, here, limi
         best[x] = greater(greater(slope, best[x]), NOTHING)
 
 
-@kernel
+@helper
 def _gather_distance(
     left_z, left_s, right_z, right_s, receiver, best, distance, weight, here, limits, column
 ):
@@ -163,7 +166,7 @@ def _gather_distance(
             distance[x] = steps / per_step
 
 
-@kernel
+@helper
 def gather_rows(
     z, pad, t, anchor, first, start, stop, rows, columns, vertex_z, vertex_s, limits, best, distance
 ):
@@ -180,7 +183,7 @@ def gather_rows(
         shift = 1 if f > 0.0 else 0
         x = column + pad[1]
         c = column + lo
-        if distance.shape[0] == 0:
+        if distance is None:
             _gather(
                 vertex_z[lo - shift : hi - shift],
                 vertex_s[lo - shift : hi - shift],
@@ -209,7 +212,7 @@ def gather_rows(
             )
 
 
-@kernel
+@helper
 def _query_and_insert(
     height, position, near, observer, bend, hull_z, hull_s, size, far, vertex_z, vertex_s
 ):
@@ -265,12 +268,12 @@ def _query_and_insert(
         size[line] = end + LINES
 
 
-@inline
-def strip_count(t, anchor, rows, columns):
+def strips(*arguments: Any) -> int:
     """Strips whose lines pass a receiver; line L is at column L + floor(t·I) at global step I."""
-    lowest = columns[0] - _cut(t, rows[1] - 1 + anchor)[0]
-    highest = columns[1] - 1 - _cut(t, rows[0] + anchor)[0]
-    return (highest - lowest + STRIP) // STRIP
+    _, _, _, t, anchor, *_, rows, columns, _, _ = arguments
+    lowest = columns[0] - math.floor(t * (rows[1] - 1 + anchor) + SNAP)
+    highest = columns[1] - 1 - math.floor(t * (rows[0] + anchor) + SNAP)
+    return int((highest - lowest + STRIP) // STRIP)
 
 
 @inline
@@ -279,8 +282,24 @@ def first_line(t, anchor, strip, rows, columns):
     return columns[0] - _cut(t, rows[1] - 1 + anchor)[0] + strip * STRIP - 1
 
 
-@parallel_kernel
-def hull_sweep(z, pad, width, t, anchor, pool, near, bend, limits, rows, columns, best, distance):
+@shared_kernel(strips)
+def hull_sweep(
+    first_strip,
+    end_strip,
+    z,
+    pad,
+    width,
+    t,
+    anchor,
+    pool,
+    near,
+    bend,
+    limits,
+    rows,
+    columns,
+    best,
+    distance,
+):
     """Raise `best` by the far horizon, unlimited range.
 
     Parameters
@@ -305,30 +324,31 @@ def hull_sweep(z, pad, width, t, anchor, pool, near, bend, limits, rows, columns
         Receivers to serve, start and stop.
     best : (n, m) float32
         Slopes, raised in place.
-    distance : (n, m) or (0, 0) float32
-        Distance to the horizon point, kept where `best` is raised; empty to leave it out.
+    distance : (n, m) float32, or None
+        Distance to the horizon point, kept where `best` is raised; None to leave it out.
     """
-    for strip in prange(strip_count(t, anchor, rows, columns)):
+    for strip in range(first_strip, end_strip):
         first = first_line(t, anchor, strip, rows, columns)
         depth = rows[1] // pool + 2
         hull_z = np.empty(depth * (STRIP + 1), np.float32)
         hull_s = np.empty(depth * (STRIP + 1), np.float32)
         size = np.empty(STRIP + 1, np.uintp)
         far = np.empty(STRIP + 1, np.uintp)
+        height = np.empty(STRIP + 1, np.float32)
+        position = np.empty(STRIP + 1, np.float32)
+        vertex_z = np.empty(STRIP + 1, np.float32)
+        vertex_s = np.empty(STRIP + 1, np.float32)
         for line in range(STRIP + 1):
             size[line] = line
             far[line] = line
-        f = np.zeros(4, np.float32)
-        steps = np.zeros(4, np.float32)
-        height = np.empty(STRIP + 1, np.float32)
-        position = np.zeros(STRIP + 1, np.float32)
-        vertex_z = np.full(STRIP + 1, NOTHING)
-        vertex_s = np.full(STRIP + 1, np.float32(-1.0))
+            position[line] = 0.0
+            vertex_z[line] = NOTHING
+            vertex_s[line] = -1.0
         for begin in range(-(anchor % pool), rows[1], pool):
             start = max(begin, 0)
             # Whole pools, also where the receivers end: a tile is then as the whole.
             stop = min(begin + pool, z.shape[0] - pad[0])
-            pool_samples(z, pad, t, anchor, first, width, start, stop, f, steps, height, position)
+            pool_samples(z, pad, t, anchor, first, width, start, stop, height, position)
             _query_and_insert(
                 height,
                 position,

@@ -17,12 +17,12 @@ from adret._kernels.hull_sweep import (
     first_line,
     gather_rows,
     pool_samples,
-    strip_count,
+    strips,
 )
-from adret._kernels.jit import kernel, parallel_kernel, prange
+from adret._kernels.jit import helper, shared_kernel
 
 
-@kernel
+@helper
 def _build_tail(heights, positions, count, bend, tail_z, tail_s, sizes, log_slot, log_z, log_s):
     """Hull of a finished block, nearest sample in slot 0, logging what each insertion overwrote."""
     for line in range(heights.shape[1]):
@@ -52,7 +52,7 @@ def _build_tail(heights, positions, count, bend, tail_z, tail_s, sizes, log_slot
             sizes[pool, line] = k
 
 
-@kernel
+@helper
 def _query(
     heights,
     positions,
@@ -148,9 +148,24 @@ def _query(
         head_size[line] = k + 1
 
 
-@parallel_kernel
+@shared_kernel(strips)
 def hull_sweep_within(
-    z, pad, width, t, anchor, pool, near, bend, limits, block, rows, columns, best, distance
+    first_strip,
+    end_strip,
+    z,
+    pad,
+    width,
+    t,
+    anchor,
+    pool,
+    near,
+    bend,
+    limits,
+    block,
+    rows,
+    columns,
+    best,
+    distance,
 ):
     """Raise `best` by the far horizon within ``limits[4]`` steps.
 
@@ -159,11 +174,9 @@ def hull_sweep_within(
     """
     reach = limits[4]
     height_of_block = block * pool
-    for strip in prange(strip_count(t, anchor, rows, columns)):
+    for strip in range(first_strip, end_strip):
         first = first_line(t, anchor, strip, rows, columns)
         lines = STRIP + 1
-        f = np.zeros(4, np.float32)
-        steps = np.zeros(4, np.float32)
         heights = np.empty((block, lines), np.float32)
         positions = np.zeros((block, lines), np.float32)
         head_z = np.empty((block + 1, lines), np.float32)
@@ -190,9 +203,7 @@ def hull_sweep_within(
                 begin = origin + j * pool
                 start = max(begin, 0)
                 stop = min(begin + pool, z.shape[0] - pad[0])
-                pool_samples(
-                    z, pad, t, anchor, first, width, start, stop, f, steps, heights[j], positions[j]
-                )
+                pool_samples(z, pad, t, anchor, first, width, start, stop, heights[j], positions[j])
                 for line in range(lines):
                     positions[j, line] -= shift
                 _query(

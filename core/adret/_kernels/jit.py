@@ -15,27 +15,35 @@ import platform
 import re
 import shutil
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import types
+from numba.core import caching, entrypoints, event, types
+from numba.core.runtime import rtsys
 from numba.extending import intrinsic
 
 __all__ = [
+    "first_rows",
     "greater",
+    "helper",
     "index",
     "inline",
     "kernel",
     "parallel_kernel",
     "prange",
+    "shared_kernel",
     "strict_kernel",
     "strict_parallel_kernel",
+    "tell_of_compilation",
     "threading_layer",
     "threads",
+    "without_extensions",
 ]
 
 # NaN is nodata and -inf is "no terrain": the flags that assume neither exists are left out.
@@ -102,6 +110,20 @@ def _cache_folder(module: str) -> str:
     return str(folder)
 
 
+class _Cache(caching.FunctionCache):
+    """Numba's disk cache, less the half second for which it gets ready to compile.
+
+    What was compiled before needs Numba's runtime, but none of the descriptions of types and
+    functions that compilation goes by; Numba reads those by itself when it must compile.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load what was compiled for a signature; None if nothing was."""
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
+
+
 def _compile(function: Callable[..., Any], **flags: Any) -> Any:
     """Compile with a disk cache in the folder of the function's module."""
     package, _, module = function.__module__.partition("_kernels.")
@@ -109,7 +131,11 @@ def _compile(function: Callable[..., Any], **flags: Any) -> Any:
     if package == "adret.":
         numba.config.CACHE_DIR = _cache_folder(module) or found
     try:  # Numba reads the folder here, not when it compiles
-        return numba.njit(cache=True, nogil=True, error_model="numpy", **flags)(function)
+        compiled = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **flags)(
+            function
+        )
+        compiled._cache = _Cache(function)
+        return compiled
     finally:
         numba.config.CACHE_DIR = found
 
@@ -139,6 +165,13 @@ def kernel(function: Callable[..., None]) -> Any:
     return _compile(function, fastmath=FASTMATH)
 
 
+def helper(function: Callable[..., Any]) -> Any:
+    """Compile a function that kernels call and Python never does: quicker, and not kept on disk."""
+    return numba.njit(
+        error_model="numpy", fastmath=FASTMATH, no_cpython_wrapper=True, no_cfunc_wrapper=True
+    )(function)
+
+
 def parallel_kernel(function: Callable[..., None]) -> Any:
     """Compile a kernel whose ``prange`` loops run on all threads."""
     return _compile(function, fastmath=FASTMATH, parallel=True)
@@ -155,6 +188,70 @@ def strict_kernel(function: Callable[..., None]) -> Any:
 def strict_parallel_kernel(function: Callable[..., None]) -> Any:
     """Compile a kernel as `strict_kernel` does, with ``prange`` loops on all threads."""
     return _compile(function, parallel=True)
+
+
+class _Shared:
+    """A kernel that threads share: each call of the compiled one serves some of the rows."""
+
+    def __init__(self, parts: Callable[..., int], function: Callable[..., None]) -> None:
+        self.parts = parts
+        self.compiled = kernel(function)
+        self.__doc__, self.__name__ = function.__doc__, function.__name__
+        self.__module__ = function.__module__
+
+    def __call__(self, *arguments: Any) -> None:
+        """Serve all parts on all threads, and return when they are done."""
+        count = self.parts(*arguments)
+        workers = min(threads(), count)
+        if workers <= 1:
+            self.compiled(0, count, *arguments)
+            return
+        size = -(-count // (workers * PARTS_A_THREAD))
+        parts = iter(range(0, count, size))
+
+        def work() -> None:
+            for first in parts:  # one iterator for all: whoever is free takes the next part
+                self.compiled(first, min(first + size, count), *arguments)
+
+        others = [_pool().submit(work) for _ in range(workers - 1)]
+        try:
+            work()
+        finally:
+            failures = [other.exception() for other in others if not other.cancel()]
+        for failure in failures:
+            if failure is not None:
+                raise failure
+
+
+PARTS_A_THREAD = 4
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    """The threads that kernels share, one fewer than this process may use."""
+    most = max(int(numba.config.NUMBA_NUM_THREADS) - 1, 1)
+    return ThreadPoolExecutor(most, thread_name_prefix="adret-kernel")
+
+
+if hasattr(os, "register_at_fork"):  # a child has none of its parent's threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
+def shared_kernel(
+    parts: Callable[..., int],
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Compile a serial kernel that threads share by rows, strips or other parts.
+
+    The function takes the first of the parts that it serves, the one after the last, and then its
+    arguments; what is returned is called with those arguments alone, and `parts` says of them how
+    many parts there are. This compiles in half the time that `parallel_kernel` takes.
+    """
+    return lambda function: _Shared(parts, function)
+
+
+def first_rows(array: Any, *_: Any) -> int:
+    """As many parts as the first argument has rows."""
+    return len(array)
 
 
 def inline(function: Callable[..., Any]) -> Any:
@@ -180,12 +277,44 @@ def greater(typingctx, a, b):  # type: ignore[no-untyped-def]
 
 
 def threading_layer() -> str:
-    """Name of the layer that runs parallel kernels; known once one has run."""
+    """Name of the layer that runs parallel kernels."""
+    numba.get_num_threads()  # starts it
     return str(numba.threading_layer())
+
+
+_chosen = threading.local()  # as Numba's own number: each thread has one
 
 
 def threads(count: int | None = None) -> int:
     """Return the number of threads that kernels use, after setting it when `count` is given."""
     if count is not None:
         numba.set_num_threads(count)
-    return int(numba.get_num_threads())
+        _chosen.count = count
+    return int(getattr(_chosen, "count", numba.config.NUMBA_NUM_THREADS))
+
+
+def without_extensions() -> None:
+    """Let Numba load no other packages' extensions: for a process with Adret's kernels alone."""
+    entrypoints._already_initialized = True
+
+
+@contextlib.contextmanager
+def tell_of_compilation(tell: Callable[[], None]) -> Iterator[None]:
+    """Call `tell` once, when the first kernel is compiled and not loaded."""
+
+    class Listener(event.Listener):  # type: ignore[misc]
+        def on_start(self, event: Any) -> None:
+            told.append(True)
+            if len(told) == 1:
+                tell()
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    told: list[bool] = []
+    listener = Listener()
+    event.register("numba:compile", listener)
+    try:
+        yield
+    finally:
+        event.unregister("numba:compile", listener)

@@ -9,10 +9,12 @@ Table kernels walk each row twice: first the positions in the table, which vecto
 look-ups, which does not. NaN slopes become position 0; NaN reaches `total` through tp.
 """
 
+from typing import Any
+
 import numpy as np
 
 from adret._kernels.angles import HALF_PI, atan_slope
-from adret._kernels.jit import inline, parallel_kernel, prange
+from adret._kernels.jit import first_rows, inline, shared_kernel
 
 ZERO = np.float32(0.0)
 HALF = np.float32(0.5)
@@ -23,10 +25,12 @@ ONE_ROW = np.uint32(1)
 BLOCK = 16  # rows that share one row of positions
 
 
-@parallel_kernel
-def add_smooth_sky(slope, to_east, to_north, sin_azimuth, cos_azimuth, constant, sine, total):
+@shared_kernel(first_rows)
+def add_smooth_sky(
+    start, stop, slope, to_east, to_north, sin_azimuth, cos_azimuth, constant, sine, total
+):
     """Add a slice of radiance constant + sine·sin e above the horizontal, none below."""
-    for y in prange(slope.shape[0]):
+    for y in range(start, stop):
         layer = slope[y]
         p = to_east[y]
         q = to_north[y]
@@ -53,9 +57,24 @@ def table_position(t, first, per_step, last):
     return last if position > last else position
 
 
-@parallel_kernel
+def _row_blocks(slope: Any, *_: Any) -> int:
+    return -(-len(slope) // BLOCK)
+
+
+@shared_kernel(_row_blocks)
 def add_table_1(
-    slope, to_east, to_north, sin_azimuth, cos_azimuth, first, per_step, table, positions, total
+    start,
+    stop,
+    slope,
+    to_east,
+    to_north,
+    sin_azimuth,
+    cos_azimuth,
+    first,
+    per_step,
+    table,
+    positions,
+    total,
 ):
     """Add a slice of one band from its table of A and B.
 
@@ -65,7 +84,7 @@ def add_table_1(
     """
     rows = slope.shape[0]
     last = np.float32(len(table) - 1)
-    for block in prange(positions.shape[0]):
+    for block in range(start, stop):
         position = positions[block]
         for y in range(block * BLOCK, min((block + 1) * BLOCK, rows)):
             layer = slope[y]
@@ -83,14 +102,25 @@ def add_table_1(
                 out[x] += (table[i, 0] + f * table[i, 1]) - tp * (table[i, 2] + f * table[i, 3])
 
 
-@parallel_kernel
+@shared_kernel(_row_blocks)
 def add_table_3(
-    slope, to_east, to_north, sin_azimuth, cos_azimuth, first, per_step, table, positions, total
+    start,
+    stop,
+    slope,
+    to_east,
+    to_north,
+    sin_azimuth,
+    cos_azimuth,
+    first,
+    per_step,
+    table,
+    positions,
+    total,
 ):
     """As `add_table_1` with three bands: `table` (n + 1, 12), `total` (3, rows, columns)."""
     rows = slope.shape[0]
     last = np.float32(len(table) - 1)
-    for block in prange(positions.shape[0]):
+    for block in range(start, stop):
         position = positions[block]
         for y in range(block * BLOCK, min((block + 1) * BLOCK, rows)):
             layer = slope[y]
@@ -112,8 +142,10 @@ def add_table_3(
                 blue[x] += (table[i, 8] + f * table[i, 9]) - tp * (table[i, 10] + f * table[i, 11])
 
 
-@parallel_kernel
+@shared_kernel(first_rows)
 def add_normal_table(
+    start,
+    stop,
     slope,
     to_east,
     to_north,
@@ -143,7 +175,7 @@ def add_normal_table(
     per_angle = np.float32(normals - 1) * PER_PI
     # Sine of the angle between neighbouring normals.
     per_sine = ONE / (sin_lean[1] * cos_lean[0] - cos_lean[1] * sin_lean[0])
-    for y in prange(slope.shape[0]):
+    for y in range(start, stop):
         layer = slope[y]
         p = to_east[y]
         q = to_north[y]
@@ -167,11 +199,11 @@ def add_normal_table(
                 total[band, y, x] += before + f * (after - before)
 
 
-@parallel_kernel
-def finish(to_east, to_north, total, irradiance):
+@shared_kernel(first_rows)
+def finish(start, stop, to_east, to_north, total, irradiance):
     """Multiply the sums by n_u and keep rounding from making them negative."""
     bands = total.shape[0]
-    for y in prange(total.shape[1]):
+    for y in range(start, stop):
         p = to_east[y]
         q = to_north[y]
         for x in range(len(p)):

@@ -6,15 +6,17 @@ the sweep frame (see `adret.sweep`): the ray runs towards smaller rows and colum
 on those sides stands for "outside the raster". NaN never wins a maximum.
 """
 
+from typing import Any
+
 import numpy as np
 
-from adret._kernels.jit import greater, index, kernel, parallel_kernel, prange
+from adret._kernels.jit import greater, helper, index, inline, shared_kernel
 
 BLOCK = 1024  # columns, and
 CHUNK = 16  # rows that one thread serves at a time
 
 
-@kernel
+@helper
 def four_crossings(z, a, b, here, best, p, q, k):
     """Raise `best` by four crossings; four at a time saves loads and keeps the store plain.
 
@@ -47,7 +49,7 @@ def four_crossings(z, a, b, here, best, p, q, k):
         best[x] = greater((z[a3 + x] - z0) * p3 + (z[b3 + x] - z0) * q3 + k3, s)
 
 
-@kernel
+@inline
 def _near_block(z, width, pad, offsets, p, q, k, rows, columns, best):
     """The near field of one block of receivers."""
     a = offsets[:, 0] * width + offsets[:, 1]
@@ -69,8 +71,14 @@ def _near_block(z, width, pad, offsets, p, q, k, rows, columns, best):
             )
 
 
-@parallel_kernel
-def near_field(z, pad, offsets, p, q, k, rows, columns, best):
+def _blocks(*given: Any) -> int:
+    rows, columns, _ = given[-3:]
+    across = (columns[1] - columns[0] + BLOCK - 1) // BLOCK
+    return int(across * ((rows[1] - rows[0] + CHUNK - 1) // CHUNK))
+
+
+@shared_kernel(_blocks)
+def near_field(start, stop, z, pad, offsets, p, q, k, rows, columns, best):
     """Fill `best` with the slope of the near horizon.
 
     Parameters
@@ -91,8 +99,7 @@ def near_field(z, pad, offsets, p, q, k, rows, columns, best):
     """
     flat = z.reshape(z.size)
     across = (columns[1] - columns[0] + BLOCK - 1) // BLOCK
-    down = (rows[1] - rows[0] + CHUNK - 1) // CHUNK
-    for task in prange(across * down):
+    for task in range(start, stop):
         top = rows[0] + task // across * CHUNK
         left = columns[0] + task % across * BLOCK
         _near_block(
@@ -109,13 +116,20 @@ def near_field(z, pad, offsets, p, q, k, rows, columns, best):
         )
 
 
-@parallel_kernel
-def near_field_distance(z, pad, offsets, p, q, k, reach, rows, columns, best, distance):
+def _rows(*given: Any) -> int:
+    rows, _, _, _ = given[-4:]
+    return int(rows[1] - rows[0])
+
+
+@shared_kernel(_rows)
+def near_field_distance(
+    start, stop, z, pad, offsets, p, q, k, reach, rows, columns, best, distance
+):
     """As `near_field`, and fill `distance` with the `reach` of the crossing that is the horizon.
 
     NaN where no crossing exists. Of two crossings of equal slope the nearer one counts.
     """
-    for i in prange(rows[0], rows[1]):
+    for i in range(rows[0] + start, rows[0] + stop):
         r = i + pad[0]
         for c in range(columns[0], columns[1]):
             x = c + pad[1]

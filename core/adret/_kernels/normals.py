@@ -6,7 +6,7 @@ sum is the central difference on each axis; where quads are missing it is the on
 
 import numpy as np
 
-from adret._kernels.jit import inline, parallel_kernel, prange
+from adret._kernels.jit import first_rows, inline, shared_kernel
 
 ZERO = np.float32(0.0)
 ONE = np.float32(1.0)
@@ -22,14 +22,14 @@ def mean_step(before, after):
     return total / (TWO if has_before and has_after else ONE)
 
 
-@parallel_kernel
-def gradients(heights, per_width, per_height, to_east, to_north):
+@shared_kernel(first_rows)
+def gradients(start, stop, heights, per_width, per_height, to_east, to_north):
     """Rise per metre towards east and north; NaN at nodata.
 
     `per_width` and `per_height` hold one over the cell size [1/m] of each row.
     """
     rows, columns = heights.shape
-    for y in prange(rows):
+    for y in range(start, stop):
         here = heights[y]
         east = to_east[y]
         north = to_north[y]
@@ -61,11 +61,11 @@ def gradients(heights, per_width, per_height, to_east, to_north):
         east[columns - 1] = mean_step(last - here[columns - 2], nan) * across + (last - last)
 
 
-@parallel_kernel
-def normals_from_gradients(to_east, to_north, normals):
+@shared_kernel(first_rows)
+def normals_from_gradients(start, stop, to_east, to_north, normals):
     """Unit normals (east, north, up) of planes that rise by these slopes."""
-    rows, columns = to_east.shape
-    for y in prange(rows):
+    columns = to_east.shape[1]
+    for y in range(start, stop):
         p = to_east[y]
         q = to_north[y]
         east = normals[0, y]
@@ -78,11 +78,11 @@ def normals_from_gradients(to_east, to_north, normals):
             up[x] = n_u
 
 
-@parallel_kernel
-def lowest_plane_slopes(to_east, to_north, sin_azimuth, cos_azimuth, lowest):
+@shared_kernel(first_rows)
+def lowest_plane_slopes(start, stop, to_east, to_north, sin_azimuth, cos_azimuth, lowest):
     """Lowest slope of the cells' own planes towards each azimuth, row by row (rows, K)."""
-    rows, columns = to_east.shape
-    for y in prange(rows):
+    columns = to_east.shape[1]
+    for y in range(start, stop):
         p = to_east[y]
         q = to_north[y]
         for k in range(len(sin_azimuth)):

@@ -6,10 +6,11 @@ by chance. Arrays are in the sweep frame: rays leave through row 0 or column 0.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
-from adret._kernels.jit import greater, index, kernel, parallel_kernel, prange
+from adret._kernels.jit import greater, index, inline, shared_kernel
 
 SNAP = 1e-9
 NOTHING = np.float32(-np.inf)
@@ -18,7 +19,7 @@ MILLIONTH = np.float32(1e-6)
 BLOCK = 64  # receivers that are tested together
 
 
-@kernel
+@inline
 def _through_row(left, right, receiver, slope, weight, steps, limits):
     """Slopes to row 0, `steps` away: one shift and weight for all receivers of a row."""
     observer, per_step, drop, _, _ = limits
@@ -27,7 +28,7 @@ def _through_row(left, right, receiver, slope, weight, steps, limits):
         slope[x] = (height - receiver[x] - observer) * per_step / steps - drop * steps
 
 
-@kernel
+@inline
 def _through_column(edge, receiver, slope, i, first, per_column, limits):
     """Slopes to column 0, c / t steps away from column c."""
     observer, per_step, drop, _, _ = limits
@@ -47,7 +48,7 @@ def _through_column(edge, receiver, slope, i, first, per_column, limits):
         slope[x] = (height - receiver[x] - observer) * per_step / way - drop * way
 
 
-@kernel
+@inline
 def _can_rise(receiver, best, top, i, first, per_column, limits):
     """Whether some receiver's slope to a point as high as `top` in column 0 would exceed `best`."""
     observer, per_step, drop, _, _ = limits
@@ -64,14 +65,21 @@ def _can_rise(receiver, best, top, i, first, per_column, limits):
     return hopes > 0
 
 
-@kernel
+@inline
 def _raise(slope, best):
     for x in range(len(best)):
         best[x] = greater(greater(slope[x], best[x]), NOTHING)
 
 
-@parallel_kernel
-def raise_by_edge(z, pad, t, near, edge, limits, skip, rows, columns, best, distance, skipped):
+def _rows(*arguments: Any) -> int:
+    rows, *_ = arguments[-5:]
+    return int(rows[1] - rows[0])
+
+
+@shared_kernel(_rows)
+def raise_by_edge(
+    start, stop, z, pad, t, near, edge, limits, skip, rows, columns, best, distance, skipped
+):
     """Raise `best` by the crossing at which each cell's ray leaves, beyond the near field.
 
     Parameters are those of `hull_sweep`; `edge` is column 0 without its padding, and one more
@@ -82,8 +90,9 @@ def raise_by_edge(z, pad, t, near, edge, limits, skip, rows, columns, best, dist
     top = NOTHING
     for each in edge:
         top = greater(each, top)
-    for i in prange(rows[0], rows[1]):
-        slope = np.full(columns[1] - columns[0], NOTHING)
+    slope = np.empty(columns[1] - columns[0], np.float32)
+    for i in range(rows[0] + start, rows[0] + stop):
+        slope[:] = NOTHING
         receiver = z[i + pad[0], pad[1] + columns[0] : pad[1] + columns[1]]
         position = t * i
         base = math.floor(position + SNAP)
@@ -108,16 +117,16 @@ def raise_by_edge(z, pad, t, near, edge, limits, skip, rows, columns, best, dist
         if t > 0.0:
             lo = max(columns[0], math.floor(near * t) + 1)
             hi = min(first, math.floor(min(reach, 1e9) * t) + 1)
-            for start in range(lo, hi, BLOCK):
-                stop = min(start + BLOCK, hi)
-                part = slice(start - columns[0], stop - columns[0])
-                known = best[i, start:stop]
-                if skip and not _can_rise(receiver[part], known, top, i, start, 1.0 / t, limits):
-                    skipped[i] += stop - start
+            for head in range(lo, hi, BLOCK):
+                end = min(head + BLOCK, hi)
+                part = slice(head - columns[0], end - columns[0])
+                known = best[i, head:end]
+                if skip and not _can_rise(receiver[part], known, top, i, head, 1.0 / t, limits):
+                    skipped[i] += end - head
                 else:
-                    _through_column(edge, receiver[part], slope[part], i, start, 1.0 / t, limits)
+                    _through_column(edge, receiver[part], slope[part], i, head, 1.0 / t, limits)
         out = best[i, columns[0] : columns[1]]
-        if distance.shape[0] > 0:
+        if distance is not None:
             for x in range(len(out)):
                 if slope[x] > out[x]:
                     c = columns[0] + x

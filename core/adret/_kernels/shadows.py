@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from adret._kernels.jit import parallel_kernel, prange
+from adret._kernels.jit import first_rows, shared_kernel
 
 LIT = np.uint8(0)
 SELF_SHADOWED = np.uint8(1)
@@ -10,10 +10,10 @@ CAST_SHADOW = np.uint8(2)
 MASKED = np.uint8(3)
 
 
-@parallel_kernel
-def shadow_codes(slope, to_east, to_north, sin_azimuth, cos_azimuth, sun_slope, code):
+@shared_kernel(first_rows)
+def shadow_codes(start, stop, slope, to_east, to_north, sin_azimuth, cos_azimuth, sun_slope, code):
     """Compare the sun's centre, of slope tan(elevation), with the cell's plane and its horizon."""
-    for y in prange(slope.shape[0]):
+    for y in range(start, stop):
         layer = slope[y]
         p = to_east[y]
         q = to_north[y]

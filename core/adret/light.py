@@ -1,5 +1,6 @@
 """Direct light: what a sky sends straight to each cell of a terrain."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Unpack
 
@@ -14,9 +15,17 @@ from adret.errors import InputError
 from adret.horizon import HorizonOptions, HorizonRun, Progress
 from adret.horizon_keywords import HorizonKeywords
 from adret.layer_sum import LayerSum
+from adret.nested_azimuths import (
+    FIRST,
+    Directions,
+    Settled,
+    automatic,
+    report_of,
+    settled,
+)
 from adret.normals import surface_slopes
 from adret.report import RunReport
-from adret.slices import LightSlice, Receivers, Sky
+from adret.slices import LightSlice, Receivers, Sky, SmoothSlice
 from adret.terrain import Terrain
 
 __all__ = ["Light", "direct_light", "reflectance"]
@@ -103,8 +112,9 @@ def reflectance(albedo: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float32
 def direct_light(
     terrain: Terrain,
     sky: Sky,
-    directions: int = 64,
+    directions: Directions = 64,
     *,
+    tolerance: float | None = None,
     normals: ArrayLike | None = None,
     progress: Progress | None = None,
     **horizon: Unpack[HorizonKeywords],
@@ -116,8 +126,12 @@ def direct_light(
     terrain : Terrain
     sky : UniformSky, OvercastSky, Sun or Environment
         Where the light comes from.
-    directions : int
+    directions : int or "auto"
         Number of azimuths of a whole sky. A sun up to 1° wide is one azimuth whatever this says.
+        "auto" doubles them from 8 on until the result settles; the report says where.
+    tolerance : float, optional
+        For "auto": the mean of |change| that ends the doubling, as a share of the mean irradiance;
+        default 0.002.
     normals : array_like, shape (3, rows, columns), optional
         Normals (east, north, up) to light instead of `surface_normals(terrain)`; of any length,
         up above 0; cells with NaN get NaN.
@@ -145,6 +159,10 @@ def direct_light(
     overcast skies have A and B in closed form. A sun is a sky whose slices are strips of its disc:
     there is one path for point, area and sky light.
 
+    Under a uniform or an overcast sky, "auto" sweeps only the azimuths that a set has and the one
+    before has not. The slices of pictures and wide suns change with their number: these skies are
+    swept anew, at twice the cost of the last set.
+
     Azimuths that are dark above the lowest plane of any cell are not swept; `report` counts them.
 
     References
@@ -163,24 +181,62 @@ def direct_light(
         raise InputError("terrain", "a Terrain", type(terrain).__name__)
     if not callable(getattr(sky, "slices", None)):
         raise InputError("sky", "a UniformSky, OvercastSky, Sun or Environment", sky)
-    count = len(azimuth_set(directions))
+    tolerance = automatic(directions, tolerance)
     options = HorizonOptions(**horizon)
     receivers = Receivers(*_slopes(terrain, normals))
-    slices = sky.slices(count)
+    reports: list[RunReport] = []
+
+    def irradiance(count: int, every: int) -> NDArray[Any]:
+        """Sum over all slices of `count` (every 1), or over every other one (every 2)."""
+        slices = sky.slices(count)[every - 1 :: every]
+        total, run = _swept(terrain, slices, receivers, options, sky.bands, progress)
+        reports.append(run.report(skipped=max(count // every - len(slices), 0)))
+        return total
+
+    if tolerance is None:
+        count = len(azimuth_set(directions))  # type: ignore[arg-type]
+        total, report = irradiance(count, 1), reports[0]
+    else:
+        found = _settled(sky, irradiance, tolerance)
+        total, report = found.mean, report_of(reports, found)
+    light = np.empty((*terrain.shape, sky.bands), dtype=np.float32)
+    kernels.finish(receivers.to_east, receivers.to_north, total, light)
+    return Light(light[:, :, 0] if sky.bands == 1 else light, terrain, report)
+
+
+def _settled(sky: Sky, irradiance: Callable[[int, int], NDArray[Any]], tolerance: float) -> Settled:
+    """Irradiance of enough azimuths."""
+    if len(sky.slices(FIRST)) < FIRST:  # a narrow sun: one slice, however many are allowed
+        return Settled(irradiance(FIRST, 1).astype(np.float64), len(sky.slices(FIRST)), 0.0)
+    nested = all(isinstance(each, SmoothSlice) for each in sky.slices(FIRST))
+
+    def sums(count: int, all_of_them: bool) -> NDArray[Any]:
+        # A set's irradiance is the mean over its azimuths of `count` times their slices.
+        every = 2 if nested and not all_of_them else 1
+        return np.asarray(irradiance(count, every) * np.float64(count))
+
+    return settled(sums, tolerance, None, nested=nested)
+
+
+def _swept(
+    terrain: Terrain,
+    slices: list[Any],
+    receivers: Receivers,
+    options: HorizonOptions,
+    bands: int,
+    progress: Progress | None,
+) -> tuple[NDArray[Any], HorizonRun]:
+    """Irradiance over n_u of some slices, shape (bands, rows, columns)."""
     lit = {id(each) for each in lit_slices(slices, receivers)}
     azimuths = np.array([each.azimuth for each in slices], dtype=np.float64)
     only = [k for k, each in enumerate(slices) if id(each) in lit]
     run = HorizonRun(terrain, azimuths, options, progress, only=only)
-    total = LayerSum((sky.bands, *terrain.shape), len(slices))
+    total = LayerSum((bands, *terrain.shape), len(slices))
     for k, slope in run.layers():
         total.at(run.number)
         slices[k].add(slope, receivers, total.layer)
         total.added()
-    irradiance = np.empty((*terrain.shape, sky.bands), dtype=np.float32)
-    kernels.finish(receivers.to_east, receivers.to_north, total.total(), irradiance)
-    if sky.bands == 1:
-        irradiance = irradiance[:, :, 0]
-    return Light(irradiance, terrain, run.report(skipped=max(count - len(slices), 0)))
+    return total.total(), run
 
 
 def lit_slices(slices: list[Any], receivers: Receivers) -> list[Any]:

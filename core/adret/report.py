@@ -27,6 +27,10 @@ class RunReport:
         Wall time [s].
     expected_error_deg : float or None
         Mean error of the horizons to expect [degrees], where one was asked for.
+    directions : int or None
+        Number of azimuths that ``directions="auto"`` chose.
+    change : float or None
+        Mean of |change| when they were last doubled, as a share of the scale.
     skipped : mapping
         Receivers or azimuths left out because they cannot matter, by the names of `skips.SKIPS`.
     """
@@ -40,6 +44,8 @@ class RunReport:
     bands: int
     seconds: float
     expected_error_deg: float | None = None
+    directions: int | None = None
+    change: float | None = None
     skipped: Mapping[str, int] = field(default_factory=dict)
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from copy import copy
-from typing import Literal, Unpack, get_args
+from typing import Any, Literal, Unpack, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from adret.errors import InputError
 from adret.horizon import HorizonMap, HorizonOptions, HorizonRun, Progress
 from adret.horizon_keywords import HorizonKeywords
 from adret.layer_sum import LayerSum
+from adret.nested_azimuths import Directions, automatic, between, report_of, settled
 from adret.normals import surface_slopes
 from adret.slices import sine_cosine
 from adret.terrain import Terrain
@@ -32,9 +33,10 @@ FLAT = np.float32(0.0)
 def sky_view_factor(
     x: HorizonMap | Terrain,
     kind: Kind = "visible",
-    directions: int = 64,
+    directions: Directions = 64,
     clip: bool = True,
     *,
+    tolerance: float | None = None,
     progress: Progress | None = None,
     **horizon: Unpack[HorizonKeywords],
 ) -> NDArray[np.float32]:
@@ -48,11 +50,14 @@ def sky_view_factor(
         "visible": share of the upper hemisphere's solid angle, ⟨1 - sin h⟩. "horizontal": weighted
         by the cosine on a horizontal cell, ⟨cos² h⟩. "normal": weighted by the cosine on the
         tilted cell, V_d of Dozier and Frew.
-    directions : int
-        Number K of azimuths for a terrain; a horizon map brings its own.
+    directions : int or "auto"
+        Number K of azimuths for a terrain; a horizon map brings its own. "auto" doubles them from
+        8 on until the result settles; `last_run_report` says where.
     clip : bool
         For "normal": True counts only sky above the horizontal; an infinite plane of slope S then
         has (1 + cos S)/2. False lets a tilted cell look below the horizontal, and the plane has 1.
+    tolerance : float, optional
+        For "auto": the mean of |change| that ends the doubling, as a share of 1; default 0.002.
     progress : callable, optional
         Called with (azimuths done, azimuths in all); an exception from it ends the run.
     **horizon
@@ -108,7 +113,7 @@ def sky_view_factor(
             sine, cosine = sine_cosine(azimuth)
             kernels.add_tilted(slope, to_east, to_north, sine, cosine, lowest, total)
 
-    mean = _mean_over_azimuths(x, add, directions, progress, horizon)
+    mean = _mean_over_azimuths(x, add, directions, tolerance, 1.0, progress, horizon)
     if kind == "visible":
         mean = 1.0 - mean
     elif kind == "normal":
@@ -120,8 +125,9 @@ def sky_view_factor(
 def openness(
     x: HorizonMap | Terrain,
     sign: Literal[1, -1] = 1,
-    directions: int = 64,
+    directions: Directions = 64,
     *,
+    tolerance: float | None = None,
     progress: Progress | None = None,
     **horizon: Unpack[HorizonKeywords],
 ) -> NDArray[np.float32]:
@@ -134,8 +140,11 @@ def openness(
     sign : {+1, -1}
         +1: positive openness, ⟨90° - h⟩. -1: negative openness, the positive openness of the
         terrain turned upside down; it needs a terrain.
-    directions : int
-        Number K of azimuths for a terrain; a horizon map brings its own.
+    directions : int or "auto"
+        Number K of azimuths for a terrain; a horizon map brings its own. "auto" doubles them from
+        8 on until the result settles; `last_run_report` says where.
+    tolerance : float, optional
+        For "auto": the mean of |change| that ends the doubling, as a share of 90°; default 0.002.
     progress : callable, optional
         Called with (azimuths done, azimuths in all); an exception from it ends the run.
     **horizon
@@ -175,7 +184,7 @@ def openness(
     def add(azimuth: float, slope: Layer, total: Layer) -> None:
         kernels.add_angle(slope, total)
 
-    mean = _mean_over_azimuths(x, add, directions, progress, horizon)
+    mean = _mean_over_azimuths(x, add, directions, tolerance, np.pi / 2.0, progress, horizon)
     return np.asarray(90.0 - np.degrees(mean), dtype=np.float32)
 
 
@@ -198,30 +207,50 @@ def _upside_down(terrain: Terrain) -> Terrain:
 def _mean_over_azimuths(
     x: HorizonMap | Terrain,
     add: AddLayer,
-    directions: int,
+    directions: Directions,
+    tolerance: float | None,
+    scale: float,
     progress: Progress | None,
     horizon: HorizonKeywords,
 ) -> NDArray[np.float32]:
     """Mean of what `add` adds for every azimuth, shape (rows, columns)."""
-    if isinstance(x, Terrain):
-        azimuths = azimuth_set(directions)
-        run = HorizonRun(x, azimuths, HorizonOptions(**horizon), progress)
-        layers, shape = run.layers(), x.shape
-    elif isinstance(x, HorizonMap):
+    tolerance = automatic(directions, tolerance)
+    if isinstance(x, HorizonMap):
         for name in horizon:
             raise InputError(name, "left out for a horizon map, which has its own", horizon)
-        azimuths, shape = _evenly_spaced(x.azimuth), x.terrain.shape
-        run, layers = None, _map_layers(x, progress)
-    else:
+        azimuths = _evenly_spaced(x.azimuth)
+        total = _sum(x.terrain.shape, azimuths, _map_layers(x, progress), add)
+        return np.asarray(total / len(azimuths), dtype=np.float32)
+    if not isinstance(x, Terrain):
         raise InputError("x", "a HorizonMap or a Terrain", type(x).__name__)
+    options, reports = HorizonOptions(**horizon), []
+
+    def sums(count: int, all_of_them: bool) -> NDArray[Any]:
+        azimuths = azimuth_set(count) if all_of_them else between(count // 2)
+        run = HorizonRun(x, azimuths, options, progress)
+        total = _sum(x.shape, azimuths, run.layers(), add)
+        reports.append(run.report())
+        return total
+
+    if tolerance is None:
+        azimuths = azimuth_set(directions)  # type: ignore[arg-type]
+        return np.asarray(sums(len(azimuths), True) / len(azimuths), dtype=np.float32)
+    found = settled(sums, tolerance, scale)
+    report_of(reports, found)
+    return np.asarray(found.mean, dtype=np.float32)
+
+
+def _sum(
+    shape: tuple[int, int],
+    azimuths: NDArray[np.float64],
+    layers: Iterator[tuple[int, Layer]],
+    add: AddLayer,
+) -> NDArray[Any]:
     total = LayerSum((1, *shape), len(azimuths))
     for k, slope in layers:
         add(float(azimuths[k]), slope, total.layer[0])
         total.added()
-    mean = np.asarray(total.total()[0] / len(azimuths), dtype=np.float32)
-    if run is not None:
-        run.report()
-    return mean
+    return np.asarray(total.total()[0])
 
 
 def _evenly_spaced(azimuth: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -38,7 +38,7 @@ from adret.tiling.tasks import Tile, Written
 HERE = Path(__file__).parent
 RESULTS = HERE / "results"
 DIRECTIONS = 32
-OVERHEAD_DIRECTIONS = 4
+OVERHEAD_DIRECTIONS = 8
 MARGIN = 1024  # rows round the tiles that hold ground
 RANGE = 20_000.0
 GIB = 1 << 30

@@ -41,6 +41,7 @@ QUEUE = "adret-tiles"
 WORKFLOW = "adret_tile"
 VERSION = "adret-tiles-1"
 POLL = 0.2  # s between looks at the database
+AHEAD = 2  # orders that a worker has in hand: one it works at, and the next
 BEAT = 2.0  # s between touches of a worker's file
 GRACE = 20.0  # s without a touch after which a worker is dead
 LOOK = 1.0  # s between looks for the dead
@@ -76,7 +77,7 @@ class QueueExecutor:
             serializer=DBOSPortableJSONSerializer(),
             application_name=APPLICATION,
         )
-        self._client.register_queue(QUEUE, worker_concurrency=1, polling_interval_sec=POLL)
+        self._client.register_queue(QUEUE, worker_concurrency=AHEAD, polling_interval_sec=POLL)
         self._workers = [self._start() for _ in range(workers)]
         self._starts = STARTS
 
@@ -168,9 +169,12 @@ def serve_tiles(database: str, threads: int) -> None:
     }
     DBOS(config=config)
 
+    one_by_one = threading.Lock()
+
     @DBOS.workflow(name=WORKFLOW)
     def adret_tile(out: str, product: str, row: int, column: int) -> dict[str, Any]:
-        with _beating(_beat(Path(out), name)):
+        with _beating(_beat(Path(out), name)), one_by_one:
+            use_threads(threads)
             outcome = attempt(Order(out, product, row, column))
         written = None if outcome.written is None else asdict(outcome.written)
         return {"written": written, "error": outcome.error}

@@ -291,7 +291,7 @@ def test_an_executor_that_is_not_there_is_named(small: Path, tmp_path: Path) -> 
 def test_another_job_is_not_resumed(small: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     prepare(job_of(small, ["sky-view"], 64, 5000.0), out)
-    with pytest.raises(InputError, match="its tile_size was another"):
+    with pytest.raises(InputError, match="its tile_size was 64"):
         prepare(job_of(small, ["sky-view"], 32, 5000.0), out, resume=True)
     with pytest.raises(RasterError, match="a new folder"):
         prepare(job_of(small, ["sky-view"], 64, 5000.0), out)

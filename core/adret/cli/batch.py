@@ -75,7 +75,7 @@ def batch(
                 job = _ready(request, files, folder, resume, overwrite, format)
                 with _progress(folder.name) as progress:
                     results[folder] = run_batch(job, folder, running, progress, form=format)
-            except AdretError as error:
+            except (AdretError, OSError) as error:
                 if not each:
                     raise
                 results[folder] = " ".join(str(error).split())
@@ -87,10 +87,11 @@ def _ready(
 ) -> "Job":
     """A job that fits the memory, in its folder."""
     from adret.tiling import plan
-    from adret.tiling.batches import prepare
+    from adret.tiling.batches import check_folder, prepare
     from adret.tiling.jobs import known_datum
     from adret.tiling.plans import check_memory, default_threads
 
+    check_folder(folder)
     with progress_bar("heights") as progress:
         job = job_of(request, files, progress, known_datum(folder) if resume else None)
     found = plan(job, request.workers, default_threads(request.workers))
@@ -131,11 +132,23 @@ def _summary(out: Path, results: "dict[Path, BatchReport | str]") -> int:
                 rate,
                 f"{each.peak_rss / 2**20:.0f}" if each.peak_rss else "",
             )
-            errors += [f"{folder}: {error}" for error in each.errors]
+            errors += [f"{folder}: {error}" for error in _grouped(each.errors)]
     Console().print(table)
     for error in errors:
         print(f"adret: {error}", file=sys.stderr)
     return 1 if errors else 0
+
+
+def _grouped(errors: list[str]) -> list[str]:
+    """One line for all tiles that failed for the same reason."""
+    places: dict[str, list[str]] = {}
+    for error in errors:
+        place, _, reason = error.partition(": ")
+        places.setdefault(reason, []).append(place)
+    return [
+        f"{found[0]}: {reason}" + (f" (and {len(found) - 1} more tiles)" if len(found) > 1 else "")
+        for reason, found in places.items()
+    ]
 
 
 register = job_command(

@@ -1,5 +1,6 @@
 """A batch from the first header to the last file: run what is not done, put it together, say so."""
 
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -30,7 +31,7 @@ from adret.tiling.jobs import (
 from adret.tiling.stores import file_of, store_digest, write_store
 from adret.tiling.tasks import Span, Tile, Written, check_tiled, file_digest, overlap
 
-__all__ = ["BatchReport", "ProductReport", "prepare", "run_batch"]
+__all__ = ["BatchReport", "ProductReport", "check_folder", "prepare", "run_batch"]
 
 MANIFEST = "manifest.json"
 
@@ -97,22 +98,38 @@ def prepare(
         If the job to resume is another one, or the format `form` (see `FORMATS`) is not known.
     """
     check_tiled(job)
-    if not out.parent.is_dir():
-        raise RasterError("out", "in a folder that exists", str(out))
-    if out.exists() and not out.is_dir():
-        raise RasterError("out", "a folder", str(out))
-    known = read_json(out / FOLDER / "job.json")
+    check_folder(out)
+    path = out / FOLDER / "job.json"
+    known = read_json(path)
     results = [out / file_of(name, form) for name in job.products]
     if known is not None and resume:
         check_same(known, job.document())
         return
-    if not overwrite and (known is not None or any(path.exists() for path in results)):
+    if resume and path.exists():
+        raise RasterError("resume", "of a job that can be read (or overwrite)", str(path))
+    if not overwrite and any(each.exists() for each in (path, *results)):
         raise RasterError("out", "a new folder (or resume, or overwrite)", str(out))
     out.mkdir(exist_ok=True)
     if overwrite:
         shutil.rmtree(out / FOLDER, ignore_errors=True)
         (out / MANIFEST).unlink(missing_ok=True)
     job.write(out)
+
+
+def check_folder(out: Path) -> None:
+    """Refuse a place that can be no output folder.
+
+    Raises
+    ------
+    RasterError
+        Saying why.
+    """
+    if not out.parent.is_dir():
+        raise RasterError("out", "in a folder that exists", str(out))
+    if out.exists() and not out.is_dir():
+        raise RasterError("out", "a folder", str(out))
+    if not os.access(out if out.exists() else out.parent, os.W_OK | os.X_OK):
+        raise RasterError("out", "in a folder that can be written", str(out))
 
 
 def run_batch(
@@ -219,7 +236,7 @@ def _run_passes(job: Job, orders: _Orders) -> None:
     while True:
         name, state = bounces.pass_name(number), folder / f"{number}.json"
         if number in known:
-            found = read_json(state)
+            found = read_json(state) or {}
         else:
             orders.run(name, tiles)
             if orders.report.errors:
@@ -327,7 +344,7 @@ def _remember(
     form: str,
 ) -> None:
     """Enter a result into the manifest."""
-    manifest = read_json(out / MANIFEST) or {"products": {}}
+    manifest = {"products": {}} | (read_json(out / MANIFEST) or {})
     manifest["job"] = digest(job.document())
     path = out / report.file
     manifest["products"][product] = {
@@ -357,7 +374,7 @@ def _is_written(out: Path, product: str, job: Job, form: str) -> bool:
     manifest = read_json(out / MANIFEST)
     if manifest is None or manifest.get("job") != digest(job.document()):
         return False
-    known = manifest["products"].get(product)
+    known = manifest.get("products", {}).get(product)
     path = out / file_of(product, form)
     if known is None or known.get("format", "cog") != form or not path.exists():
         return False

@@ -105,7 +105,7 @@ def result(job: "Job", tile: Tile, out: Path) -> tuple["Result", "Terrain"]:
     from adret.tiling.jobs import read_json
 
     parameters = _parameters(job)
-    last = read_json(out / tile_folder() / LAST)
+    last = read_json(out / tile_folder() / LAST) or {}
     terrain = job.surface.tile(tile.rows, tile.columns, 0)
     with _opened(out, 0, tile) as first:
         direct = first["direct"]
@@ -212,7 +212,7 @@ def _next(job: "Job", number: int, tile: Tile, out: Path) -> tuple[dict[str, Lay
     if number > 1:
         with _opened(out, 1, tile) as first:
             transport.recall(first)
-        state = read_json(out / tile_folder() / f"{number - 1}.json")["rest"]
+        state = (read_json(out / tile_folder() / f"{number - 1}.json") or {})["rest"]
         needed, bound = Rest(**state).needed(transport.view)
         missing = left_out(bound[core], needed[core])
         asked &= needed

@@ -234,18 +234,20 @@ def write_json(path: Path, document: Any) -> None:
         os.fsync(file.fileno())
 
 
-def read_json(path: Path) -> Any:
-    """What a JSON file holds; None where there is none."""
+def read_json(path: Path) -> dict[str, Any] | None:
+    """The object that a JSON file holds; None where there is none."""
     try:
-        return json.loads(path.read_text())
-    except (OSError, ValueError):
+        found = json.loads(path.read_text())
+    except (OSError, ValueError, RecursionError):
         return None
+    return found if isinstance(found, dict) else None
 
 
 def known_datum(out: Path) -> float | None:
     """The datum of the job that was begun in a folder; its files are compared with it later."""
     known = read_json(out / FOLDER / "job.json")
-    return None if known is None else float(known["datum"])
+    datum = None if known is None else known.get("datum")
+    return float(datum) if isinstance(datum, int | float) else None
 
 
 def digest(document: Mapping[str, Any]) -> str:
@@ -283,5 +285,31 @@ def check_same(old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
         Naming what differs.
     """
     for name in new:
-        if json.loads(json.dumps(new[name])) != old.get(name):
-            raise InputError("resume", f"of the same job (its {name} was another)", new[name])
+        here, there = json.loads(json.dumps(new[name])), old.get(name)
+        path = name
+        while here != there:
+            # Down to the first thing that differs: an option of a product, the size of a file.
+            pair = _first_difference(here, there)
+            if pair is None:
+                limit = f"of the same job (its {path} was {_short(there)})"
+                raise InputError("resume", limit, _short(here))
+            key, here, there = pair
+            path = f"{path} {key}"
+
+
+def _first_difference(here: Any, there: Any) -> tuple[str, Any, Any] | None:
+    if isinstance(here, dict) and isinstance(there, dict):
+        keys = [key for key in (*here, *there) if here.get(key) != there.get(key)]
+        return keys[0], here.get(keys[0]), there.get(keys[0])
+    lists = isinstance(here, list) and isinstance(there, list) and len(here) == len(there)
+    if lists and any(isinstance(each, dict) for each in here):
+        number = next(
+            i for i, (one, other) in enumerate(zip(here, there, strict=True)) if one != other
+        )
+        return str(number), here[number], there[number]
+    return None
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -31,6 +31,7 @@ PROCESS = 400 << 20
 # Nanoseconds of one core a cell and azimuth: what the near field does not do, and each of its
 # cells; measured on 2 cores, see benchmarks/scale.
 SWEEP_NS, NEAR_NS = 12.0, 0.25
+BOUNCE_NS = 300.0  # of a bounce, see benchmarks/bounces.py
 PAGE = 4096  # bytes
 SIGHT_BYTES = 160  # a cell that a tile of visibility sees: frames of all octants
 VIEWSHED_BYTES = 40  # a cell that a tile of viewsheds sees: counts, bits, heights
@@ -158,7 +159,7 @@ def check_memory(found: Plan, job: Job, memory: int, out: Path) -> None:
     folder = out if out.exists() else out.parent
     free = shutil.disk_usage(folder).free
     if found.disk_bytes > free:
-        raise InputError("out", f"on a disk with {found.disk_bytes // 2**20}M free", str(out))
+        raise InputError("out", f"on a disk with {-(-found.disk_bytes // 2**20)}M free", str(out))
 
 
 def worker_bytes(job: Job, parameters: Parameters, threads: int) -> int:
@@ -276,7 +277,11 @@ def _product(job: Job, name: str, parameters: Parameters, threads: int) -> Produ
         disk_bytes=round(3.4 * rows * columns * bands * item * STORED)
         + (rows * columns * bands * PASS_BYTES * 4 if passes and len(job.tiles) > 1 else 0)
         + (36 * rows * columns if parameters.max_distance is None and len(job.tiles) > 1 else 0),
-        core_seconds=rows * columns * azimuths * (1 + passes) * (SWEEP_NS + NEAR_NS * near) * 1e-9,
+        core_seconds=rows
+        * columns
+        * azimuths
+        * (SWEEP_NS + NEAR_NS * near + passes * BOUNCE_NS)
+        * 1e-9,
     )
 
 

@@ -1,3 +1,4 @@
+import os
 import re
 from pathlib import Path
 
@@ -43,3 +44,25 @@ def test_the_cache_folder_of_the_callers_own_numba_code_is_left_alone() -> None:
     import numba
 
     assert "adret" not in (numba.config.CACHE_DIR or "")
+
+
+def test_without_a_folder_to_write_kernels_are_compiled_and_one_line_says_so() -> None:
+    code = (
+        "import numpy as np\n"
+        "from adret._kernels import normals\n"
+        "from adret._kernels.jit import _compile\n"
+        "def twice(x):\n"
+        "    return 2.0 * x\n"
+        "twice.__module__ = 'adret._kernels.normals'\n"
+        "print(_compile(twice)(21.0))"
+    )
+    places = {"XDG_CACHE_HOME": "/proc/nonexistent", "HOME": "/proc/nonexistent"}
+    kept = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=kept | places, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (0, "42.0\n"), done.stderr
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1
+    assert "/proc/nonexistent/adret/numba" in lines[0]
+    assert "NUMBA_CACHE_DIR" in lines[0]

@@ -10,6 +10,7 @@ these folders; the default is the user's cache folder.
 import contextlib
 import ctypes
 import hashlib
+import logging
 import os
 import platform
 import re
@@ -106,8 +107,16 @@ def _cache_folder(module: str) -> str:
         for old in others[KEPT_CACHES:]:
             shutil.rmtree(old, ignore_errors=True)
     except OSError:
-        return ""  # Numba falls back to its own, or compiles each time
+        _say_uncached(str(folder.parent))
+        return ""
     return str(folder)
+
+
+@cache
+def _say_uncached(root: str) -> None:
+    """Say once what the next start will cost as well."""
+    text = "no folder for compiled kernels at %s (NUMBA_CACHE_DIR): every start compiles them"
+    logging.getLogger("adret").warning(text, root)
 
 
 class _Cache(caching.FunctionCache):
@@ -125,15 +134,16 @@ class _Cache(caching.FunctionCache):
 
 
 def _compile(function: Callable[..., Any], **flags: Any) -> Any:
-    """Compile with a disk cache in the folder of the function's module."""
+    """Compile with a disk cache in the folder of the function's module, if one can be written."""
     package, _, module = function.__module__.partition("_kernels.")
     found = numba.config.CACHE_DIR
+    compiled = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **flags)(function)
     if package == "adret.":
-        numba.config.CACHE_DIR = _cache_folder(module) or found
+        folder = _cache_folder(module)
+        if not folder:  # Numba would look for a place of its own, and fail where there is none
+            return compiled
+        numba.config.CACHE_DIR = folder
     try:  # Numba reads the folder here, not when it compiles
-        compiled = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **flags)(
-            function
-        )
         compiled._cache = _Cache(function)
         return compiled
     finally:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from adret._kernels.screen.exact import slices
 from adret._kernels.screen.shells import shell_slices
@@ -13,6 +14,7 @@ from adret.screen.occlusion import Estimate, Progress
 from adret.screen.options import option
 from adret.screen.slice_lines import highest_from, ways_to
 from adret.screen.slice_options import TOLERANCE, SliceOptions, band_edges
+from adret.screen.steepness import steepness
 
 __all__ = ["Options", "estimate"]
 
@@ -94,7 +96,10 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     given_up = np.zeros(shape[0], dtype=np.int64)
     whole = math.isinf(options.thickness)
     kernel = slices if whole else shell_slices
-    cells = () if whole else lines.cells
+    cells: tuple[NDArray[np.generic], ...] = ()
+    if not whole:
+        steep = steepness(field.depth, field.perspective)
+        cells = (*lines.cells, lines.laid_out(steep[None])[0])
     last = np.float32(options.tolerance if whole else options.thickness)
     row0, row1, column0, column1 = field.frame
     window = (slice(row0, row1), slice(column0, column1))

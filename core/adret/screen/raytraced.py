@@ -20,9 +20,8 @@ __all__ = ["Options", "RaySample", "estimate", "trace_at", "trace_several"]
 
 SECOND_LAYER = True
 VOLUMES = ("volumetric", "hemisphere", "sphere", "shell")
-Bounds = tuple[
-    NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], float, float
-]
+Layer = NDArray[np.float32]
+Bounds = tuple[Layer, Layer, Layer, Layer, float, float, NDArray[np.float64]]
 CHUNK = 4096
 """Pixels between two calls of progress."""
 
@@ -133,8 +132,11 @@ def trace_at(
     The surface is bilinear in 1/z (perspective) or z (orthographic) in each cell between four
     pixel centres, so a ray crosses it at the root of a quadratic: no step size. A cell that touches
     sky or a hole is broken: each quarter has the depth of its corner, if any. With a finite
-    thickness so is a cell whose depths differ by more than the thickness: else nothing could pass
-    behind what stands in front. A receiver's own quarters are empty.
+    thickness so is a cell whose depths differ by more than the thickness and the surface's slope:
+    else nothing could pass behind what stands in front. The slope is that of its steepest corner,
+    where along each axis the smaller one of the changes of depth to both neighbours counts, and
+    none if these have two signs: so a plane is whole at any tilt. A receiver's own quarters are
+    empty.
 
     Weight "volumetric" is the solid share of the tangent sphere with the radius as its diameter
     (Szirmay-Kalos et al. 2010); "sphere" that of the sphere about the point with that radius,
@@ -226,7 +228,9 @@ class _Solid:
         blocks = (rows // depth_cells.BLOCK + 1, columns // depth_cells.BLOCK + 1)
         block_top, block_low = (np.empty(blocks, dtype=np.float32) for _ in range(2))
         depth_cells.block_bounds(top, low, block_top, block_low)
-        return q, (top, low, block_top, block_low, float(top.max()), float(low.min()))
+        slopes = np.zeros_like(top, dtype=np.float64)
+        depth_cells.cell_slopes(q, self.field.perspective, slopes)
+        return q, (top, low, block_top, block_low, float(top.max()), float(low.min()), slopes)
 
     def cast(
         self,
@@ -285,7 +289,9 @@ class _Solid:
         radius = 0.5 * options.radius if touching else options.radius
         filled_spheres.fill_spheres(
             self.near,
+            self.bounds[-1],
             self.second,
+            self.second_bounds[-1],
             *self._shared,
             rows,
             columns,

@@ -6,8 +6,9 @@ quadratic, whose root is the crossing. Arrays are padded by one pixel of NaN; ce
 pixel (i - 1, j - 1) at its upper left.
 
 Solid is what lies behind the surface, by up to `thickness` in depth. A cell with a missing corner,
-or whose depths differ by more than the thickness, is broken: each quarter has the depth of its
-corner. A receiver's own quarters are empty, as its tangent plane would have it.
+or whose depths differ by more than the thickness and the surface's own slope there, is broken: each
+quarter has the depth of its corner. A receiver's own quarters are empty, as its tangent plane would
+have it.
 """
 
 import numpy as np
@@ -69,8 +70,57 @@ def nearness_behind(perspective, q, thickness):
 
 
 @kernel
-def is_broken(q00, q01, q10, q11, perspective, thickness):
-    """Whether a cell has a missing corner or a step."""
+def slope_along(perspective, a, b, c, d, e):
+    """Change of depth a pixel along the surface at c, of five pixels in a line.
+
+    The smaller one of the changes to both sides; 0 if these have two signs. If one side is missing,
+    the other one is held against the plane through the two pixels there.
+    """
+    depth = depth_of(perspective, c)
+    if b == b and d == d:
+        one = depth - depth_of(perspective, b)
+        two = depth_of(perspective, d) - depth
+    elif d == d and e == e:
+        one = depth_of(perspective, d) - depth
+        two = depth_of(perspective, d) - depth_of(perspective, d + (d - e))
+    elif b == b and a == a:
+        one = depth_of(perspective, b) - depth
+        two = depth_of(perspective, b) - depth_of(perspective, b + (b - a))
+    else:
+        return 0.0
+    if one > 0.0 and two > 0.0:
+        return min(one, two)
+    if one < 0.0 and two < 0.0:
+        return -max(one, two)
+    return 0.0
+
+
+@parallel_kernel
+def cell_slopes(q, perspective, slopes):
+    """The surface's change of depth a pixel, both axes together, at each cell's steepest corner.
+
+    The same size as the cells of `q`, which has one pixel of NaN around.
+    """
+    rows, columns = q.shape
+    at = np.zeros((rows, columns))
+    for i in prange(1, rows - 1):
+        for j in range(1, columns - 1):
+            if q[i, j] == q[i, j]:
+                left = q[i, j - 2] if j > 1 else np.nan
+                right = q[i, j + 2] if j < columns - 2 else np.nan
+                up = q[i - 2, j] if i > 1 else np.nan
+                down = q[i + 2, j] if i < rows - 2 else np.nan
+                own = q[i, j]
+                at[i, j] = slope_along(perspective, left, q[i, j - 1], own, q[i, j + 1], right)
+                at[i, j] += slope_along(perspective, up, q[i - 1, j], own, q[i + 1, j], down)
+    for i in prange(slopes.shape[0]):
+        for j in range(slopes.shape[1]):
+            slopes[i, j] = max(max(at[i, j], at[i, j + 1]), max(at[i + 1, j], at[i + 1, j + 1]))
+
+
+@kernel
+def is_broken(q00, q01, q10, q11, slope, perspective, thickness):
+    """Whether a cell has a missing corner or a step beyond the surface's slope."""
     total = q00 + q01 + q10 + q11
     if total != total:
         return True
@@ -78,7 +128,7 @@ def is_broken(q00, q01, q10, q11, perspective, thickness):
         return False
     near = depth_of(perspective, max(max(q00, q01), max(q10, q11)))
     far = depth_of(perspective, min(min(q00, q01), min(q10, q11)))
-    return far - near > thickness
+    return far - near > thickness + slope
 
 
 @kernel

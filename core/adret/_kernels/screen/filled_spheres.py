@@ -16,7 +16,7 @@ HEMISPHERE = 2
 
 
 @kernel
-def contains(q, perspective, thickness, row, column, nearness, own_row, own_column):
+def contains(q, slopes, perspective, thickness, row, column, nearness, own_row, own_column):
     """Whether a point of the image's space is solid; row and column in the padded array."""
     i = np.int64(np.floor(row))
     j = np.int64(np.floor(column))
@@ -26,7 +26,7 @@ def contains(q, perspective, thickness, row, column, nearness, own_row, own_colu
     q01 = q[i, j + 1]
     q10 = q[i + 1, j]
     q11 = q[i + 1, j + 1]
-    if is_broken(q00, q01, q10, q11, perspective, thickness):
+    if is_broken(q00, q01, q10, q11, slopes[i, j], perspective, thickness):
         i += v > 0.5
         j += u > 0.5
         if i == own_row and j == own_column:
@@ -42,7 +42,9 @@ def contains(q, perspective, thickness, row, column, nearness, own_row, own_colu
 @parallel_kernel
 def fill_spheres(
     q,
+    slopes,
     second,
+    second_slopes,
     normal,
     rays,
     perspective,
@@ -110,11 +112,27 @@ def fill_spheres(
                 known += 1
                 nearness = 1.0 / depth if perspective else -depth
                 solid = contains(
-                    q, perspective, thickness, r + 1.0, c + 1.0, nearness, row + 1, column + 1
+                    q,
+                    slopes,
+                    perspective,
+                    thickness,
+                    r + 1.0,
+                    c + 1.0,
+                    nearness,
+                    row + 1,
+                    column + 1,
                 )
                 if not solid and len(second) > 0:
                     solid = contains(
-                        second, perspective, thickness, r + 1.0, c + 1.0, nearness, -1, -1
+                        second,
+                        second_slopes,
+                        perspective,
+                        thickness,
+                        r + 1.0,
+                        c + 1.0,
+                        nearness,
+                        -1,
+                        -1,
                     )
                 total += solid
             halves[half, n] = total / points

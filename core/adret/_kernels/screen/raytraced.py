@@ -15,7 +15,9 @@ from adret._kernels.screen.noise import uniform
 
 
 @kernel
-def hit_in_cell(q, i, j, perspective, thickness, row, column, owned, dc, dr, at, to, qa, qb):
+def hit_in_cell(
+    q, slopes, i, j, perspective, thickness, row, column, owned, dc, dr, at, to, qa, qb
+):
     """Share of the way from s = at to s = to at which a ray comes into the solid of cell (i, j).
 
     -1 if it does not. `owned` says whether the ray starts on this surface.
@@ -28,7 +30,7 @@ def hit_in_cell(q, i, j, perspective, thickness, row, column, owned, dc, dr, at,
     va = row + dr * at - i
     ub = column + dc * to - j
     vb = row + dr * to - i
-    if is_broken(q00, q01, q10, q11, perspective, thickness):
+    if is_broken(q00, q01, q10, q11, slopes[i, j], perspective, thickness):
         own = -1
         if owned and row - 1 <= i <= row and column - 1 <= j <= column:
             own = 2 * (row - i) + (column - j)
@@ -47,9 +49,10 @@ def first_hit(q, bounds, perspective, thickness, row, column, q0, dc, dr, dq, st
     """Parameter s at which a ray enters the solid; -1 if it ends before, -2 if it leaves the image.
 
     The ray is (column + dc s, row + dr s, q0 + dq s), 0 <= s <= stop, from a pixel's centre, row
-    and column counted in the padded array. `bounds` are those of cells and of blocks of cells.
+    and column counted in the padded array. `bounds` are those of cells and of blocks of cells, and
+    the surface's slopes in cells.
     """
-    top, low, block_top, block_low, highest, lowest = bounds
+    top, low, block_top, block_low, highest, lowest, slopes = bounds
     leave = np.inf
     if dc > 0.0:
         leave = (q.shape[1] - 2 - column) / dc
@@ -95,8 +98,9 @@ def first_hit(q, bounds, perspective, thickness, row, column, q0, dc, dr, dq, st
                 qb = q0 + dq * to
                 if min(qa, qb) < top[i, j] and max(qa, qb) > low[i, j]:
                     tau = hit_in_cell(
-                        q, i, j, perspective, thickness, row, column, owned, dc, dr, at, to, qa, qb
-                    )
+                        q, slopes, i, j, perspective, thickness, row, column, owned, dc, dr, at, to,
+                        qa, qb,
+                    )  # fmt: skip
                     if tau >= 0.0:
                         return at + tau * (to - at)
                 if to >= end:

@@ -5,8 +5,9 @@ its front, and the union of the intervals may have gaps. As long as an interval 
 is hidden already, it raises the horizon as `exact` does. What hangs above a gap is kept in a list
 of the receiver, counted at once, and swallowed when the horizon rises to it.
 
-A cell between four pixel centres is broken where their depths lie further apart than the thickness:
-then each quarter has the depth of its corner, and the receiver's own quarters are empty.
+A cell between four pixel centres is broken where their depths lie further apart than the thickness
+and the surface's own steepness (the largest of its corners'): then each quarter has the depth of
+its corner, and the receiver's own quarters are empty.
 """
 
 import numpy as np
@@ -59,10 +60,10 @@ def apart(a, b, thickness, perspective):
 
 
 @inline
-def sampled(a, b, share, thickness, perspective):
+def sampled(a, b, share, thickness, steep, other, perspective):
     """Nearness between two pixels; that of the nearer one where the surface is broken."""
     h = a + (b - a) * share
-    if apart(a, b, thickness, perspective):
+    if apart(a, b, thickness + max(steep, other), perspective):
         h = b if share > 0.5 else a
     return h
 
@@ -85,8 +86,8 @@ def reach_of(base, old, h, way, here, thickness, perspective):
 
 @kernel
 def pass_cell(
-    near, w, start, stop, at, o, p, q, corners, pieces, cuts, line, j, thickness, perspective,
-    gaps, cosine, uniform, code, radius, scale, table,
+    near, w, start, stop, at, o, p, q, corners, pieces, cuts, steep, line, j, thickness,
+    perspective, gaps, cosine, uniform, code, radius, scale, table,
 ):  # fmt: skip
     """Hide what the cell between samples j - 1 and j of a line hides from some receivers."""
     k = j - 1
@@ -105,7 +106,11 @@ def pass_cell(
         far = min(min(one, two), min(three, four))
         close_by = max(max(one, two), max(three, four))
         known = one + two + three + four
-        if known == known and not apart(far, close_by, thickness, perspective):
+        whole = known == known and not apart(far, close_by, thickness, perspective)
+        if known == known and not whole:
+            slope = max(max(steep[c0 + x], steep[c1 + x]), max(steep[c2 + x], steep[c3 + x]))
+            whole = not apart(far, close_by, thickness + slope, perspective)
+        if whole:
             h = near[a0 + x] + (near[a1 + x] - near[a0 + x]) * share
             if first:
                 low = MINUS
@@ -137,25 +142,29 @@ def pass_cell(
 
 @kernel
 def pass_step(
-    near, w, start, stop, at, o, q, s, j, thickness, perspective, gaps, cosine, uniform, code,
-    radius, scale, table,
+    near, w, start, stop, at, o, q, s, steep, j, thickness, perspective, gaps, cosine, uniform,
+    code, radius, scale, table,
 ):  # fmt: skip
     """Hide what lies between two samples that may be more than a pixel apart.
 
-    They are of one surface if the depth changes by less than the thickness a pixel.
+    They are of one surface if the depth changes by less than thickness and steepness a pixel.
     """
     a0, a1, b0, b1 = at + o[j, 0], at + o[j, 3], at + o[j - 1, 0], at + o[j - 1, 3]
     way, here = s[j - 1], s[j]
     share, old_share = q[j] * here, q[j - 1] * way
     middle = HALF * (way + here)
-    step = thickness * max(here - way, ONE)
+    pixels = max(here - way, ONE)
     for x in range(start, stop):
         if not w[HIGH + x] > w[RAISED + x]:
             continue
         base = w[BASE + x]
-        old = sampled(near[b0 + x], near[b1 + x], old_share, thickness, perspective)
-        h = sampled(near[a0 + x], near[a1 + x], share, thickness, perspective)
-        if not apart(h, old, step, perspective):
+        u, v = steep[b0 + x], steep[b1 + x]
+        old = sampled(near[b0 + x], near[b1 + x], old_share, thickness, u, v, perspective)
+        slope = max(u, v)
+        u, v = steep[a0 + x], steep[a1 + x]
+        h = sampled(near[a0 + x], near[a1 + x], share, thickness, u, v, perspective)
+        slope = max(slope, max(u, v))
+        if not apart(h, old, pixels * (thickness + slope), perspective):
             low, high = reach_of(base, old, h, way, here, thickness, perspective)
             hide(w, x, gaps, low, high, middle, cosine, uniform, code, radius, scale, table)
             continue
@@ -226,8 +235,9 @@ def in_image(shape, tile, width, row, column, n, o, j):
 
 @kernel
 def go_out(
-    near, shape, tile, width, w, n, row, column, at, o, p, q, s, corners, pieces, cuts, line, stop,
-    reach, ahead, growth, thickness, perspective, gaps, cosine, uniform, code, radius, scale, table,
+    near, shape, tile, width, w, n, row, column, at, o, p, q, s, corners, pieces, cuts, steep, line,
+    stop, reach, ahead, growth, thickness, perspective, gaps, cosine, uniform, code, radius, scale,
+    table,
 ):  # fmt: skip
     """Go through the samples of one direction of the image.
 
@@ -246,13 +256,13 @@ def go_out(
                 look_ahead(near, w, low, high, at, corners, cuts, j)
             if pieces[j, 0] == 0 and pieces[j, 2] == 0:
                 pass_step(
-                    near, w, low, high, at, o, q, s, j, thickness, perspective, gaps, cosine,
-                    uniform, code, radius, scale, table,
+                    near, w, low, high, at, o, q, s, steep, j, thickness, perspective, gaps,
+                    cosine, uniform, code, radius, scale, table,
                 )  # fmt: skip
             else:
                 pass_cell(
-                    near, w, low, high, at, o, p, q, corners, pieces, cuts, line, j, thickness,
-                    perspective, gaps, cosine, uniform, code, radius, scale, table,
+                    near, w, low, high, at, o, p, q, corners, pieces, cuts, steep, line, j,
+                    thickness, perspective, gaps, cosine, uniform, code, radius, scale, table,
                 )  # fmt: skip
         else:
             seen = False
@@ -287,8 +297,8 @@ def leave_behind(w, n, gaps, cosine, uniform):
 @kernel
 def shell_row(
     row, longest, near, pad, shape, normal, rays, perspective, frame, o, p, q, s, lines, along,
-    corners, pieces, cuts, growth, cosine, uniform, thickness, code, radius, scale, table, empty,
-    tops, occlusion, confidence, bent, given_up,
+    corners, pieces, cuts, steep, growth, cosine, uniform, thickness, code, radius, scale, table,
+    empty, tops, occlusion, confidence, bent, given_up,
 ):  # fmt: skip
     """One row of `shell_slices`."""
     tile, width = near.shape[1], near.shape[2]
@@ -318,9 +328,9 @@ def shell_row(
                 ahead = (tops, shape, row, column, tile * (n - 1), dc, dr)
                 if go_out(
                     flat, shape, tile, width, w, n, row, column, at, o, p, q, s, corners, pieces,
-                    cuts, lines[row % tile, phase, k, 0], lines[row % tile, phase, k, 1], reach,
-                    ahead, growth, thickness, perspective, gaps, cosine, uniform, code, radius,
-                    scale, table,
+                    cuts, steep, lines[row % tile, phase, k, 0], lines[row % tile, phase, k, 1],
+                    reach, ahead, growth, thickness, perspective, gaps, cosine, uniform, code,
+                    radius, scale, table,
                 ):  # fmt: skip
                     given_up[i] += n
                 if reach > border(row, column, tile, n, shape, dc, dr):
@@ -334,8 +344,8 @@ def shell_row(
 @parallel_kernel
 def shell_slices(
     near, pad, shape, normal, rays, perspective, frame, o, p, q, lone, v, s, lines, along,
-    corners, pieces, cuts, growth, cosine, uniform, thickness, code, radius, scale, table, empty,
-    tops, occlusion, confidence, bent, given_up,
+    corners, pieces, cuts, steep, growth, cosine, uniform, thickness, code, radius, scale, table,
+    empty, tops, occlusion, confidence, bent, given_up,
 ):  # fmt: skip
     """Occlusion of a frame by shells; the rest as for `exact.slices`.
 
@@ -349,6 +359,8 @@ def shell_slices(
         apart, one 0 for the receiver's own.
     cuts : (S, 4) float32
         Ways at which the line enters and leaves these quarters; the last one is the sample's own.
+    steep : (R T W,) float32
+        Change of depth a pixel along the surface, laid out as `near`.
     thickness : float32
     """
     longest = 0
@@ -358,6 +370,6 @@ def shell_slices(
     for row in prange(frame[0], frame[1]):
         shell_row(
             row, longest, near, pad, shape, normal, rays, perspective, frame, o, p, q, s, lines,
-            along, corners, pieces, cuts, growth, cosine, uniform, thickness, code, radius, scale,
-            table, empty, tops, occlusion, confidence, bent, given_up,
+            along, corners, pieces, cuts, steep, growth, cosine, uniform, thickness, code, radius,
+            scale, table, empty, tops, occlusion, confidence, bent, given_up,
         )  # fmt: skip

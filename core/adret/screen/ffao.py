@@ -18,6 +18,7 @@ from adret.screen.field import Field
 from adret.screen.occlusion import Estimate, Progress
 from adret.screen.options import FalloffOptions, option
 from adret.screen.slabs import weights_of
+from adret.skips import wanted
 
 __all__ = ["Options", "estimate"]
 
@@ -29,8 +30,8 @@ LEAN = 0.75
 PARTS = 8
 """Parts of a row that places are rounded to which lie between rows."""
 SNAP = 1e-9
-SKIP = True
-"""Whether receivers that show no surface are passed over, a whole block of a row at a time."""
+EMPTY = "directions of empty receivers"
+"""Skip: receivers that show no surface are passed over, a whole block of a row at a time."""
 STEEPEST = math.radians(80.0)
 
 Layer = NDArray[np.float32]
@@ -154,7 +155,7 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
         progress(len(headings), len(headings))
     occlusion, confidence = work.result()
     idle = int(sum(frame.skipped.sum() for frame in work.frames))
-    return Estimate(occlusion, confidence, None, {"directions of empty receivers": idle})
+    return Estimate(occlusion, confidence, None, {EMPTY: idle})
 
 
 def _headings(count: int, ax: float, ay: float) -> list[tuple[bool, float, tuple[int, ...]]]:
@@ -197,6 +198,7 @@ class _Work:
     def __init__(self, field: Field, options: Options) -> None:
         self.field = field
         self.options = options
+        self.skip = wanted(EMPTY)
         self.weights = weights_of(field, options.weights())
         self.frames = [_frame(field, options, swap) for swap in (False, True)]
         # A receiver angle of 45° at the middle depth (P4 takes 0° and 45°).
@@ -236,7 +238,7 @@ class _Work:
                 1.0 / options.radius,
                 *at.near_sums,
                 *at.sums,
-                SKIP,
+                self.skip,
                 at.skipped,
             )
 

@@ -22,6 +22,7 @@ from adret.screen.line_sweeps import (
 )
 from adret.screen.occlusion import Estimate, Progress
 from adret.screen.options import FalloffOptions, option
+from adret.skips import wanted
 
 __all__ = ["Options", "estimate"]
 
@@ -137,7 +138,7 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     np.float32(0.0)
     """
     directions = _directions(options, (float(field.rays[0]), float(field.rays[2])))
-    done = 0
+    done = skipped = 0
     frames = [_Frame(field, swap) for swap in (False, True)]
     for frame in frames:
         plans = [
@@ -151,14 +152,14 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
         values = np.empty((batch, samples, lines), dtype=np.float32)
         for first in range(0, len(plans), batch):
             chosen = plans[first : first + batch]
-            _sweep(field, options, frame, chosen, values)
+            skipped += _sweep(field, options, frame, chosen, values)
             done += len(chosen)
             if progress is not None:
                 progress(done, len(directions))
     occlusion = np.empty(field.shape, dtype=np.float32)
     confidence = np.empty(field.shape, dtype=np.float32)
     gathering.finish(frames[0].sums, frames[1].sums, occlusion, confidence)
-    return Estimate(occlusion, confidence, None, {})
+    return Estimate(occlusion, confidence, None, {"empty samples": skipped})
 
 
 def _directions(options: Options, pixel: tuple[float, float]) -> list[Direction]:
@@ -206,8 +207,11 @@ def _sweep(
     frame: _Frame,
     plans: list[tuple[Direction, Lattice]],
     values: NDArray[np.float32],
-) -> None:
-    """Sweep some directions and add what they find to the frame's sums."""
+) -> int:
+    """Sweep some directions and add what they find to the frame's sums.
+
+    Returns how many samples were passed over.
+    """
     directions = [direction for direction, _ in plans]
     lattices = [each for _, each in plans]
     geometry, across = [], []
@@ -219,6 +223,7 @@ def _sweep(
         across.append((0.0, 0.0, 0.0) if flat else crosswise)
     rows = _stacked([each.rows for each in lattices])
     starts = _stacked([each.starts for each in lattices])
+    skipped = np.zeros((len(plans), -(-starts.shape[1] // kernels.STRIP)), dtype=np.int64)
     edge = options.edge * frame.pixel
     falloff, table = _formula(options.weights())
     kernels.sweep_lines(
@@ -239,7 +244,9 @@ def _sweep(
         edge,
         falloff,
         table,
+        wanted("empty samples"),
         values,
+        skipped,
     )
     gathering.gather(
         frame.depth,
@@ -261,6 +268,7 @@ def _sweep(
         table,
         frame.sums,
     )
+    return int(skipped.sum())
 
 
 def _formula(falloff: Falloff) -> tuple[tuple[float, ...], NDArray[np.float64]]:

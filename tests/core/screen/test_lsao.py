@@ -474,3 +474,22 @@ def test_progress_counts_directions():
         rough(True), method="lsao", directions=8, progress=lambda *at: seen.append(at)
     )
     assert seen[-1] == (8, 8)
+
+
+@pytest.mark.parametrize("options", [{}, {"step": 2.83, "line_spacing": 2.12, "directions": 6}])
+def test_passing_over_samples_without_a_surface_changes_no_byte(options, monkeypatch):
+    view = rough(True, 24, 300)
+    depth = np.array(view.depth)
+    depth[:9] = np.inf
+    depth[15:, 140:] = np.inf
+    depth[20, 30] = np.nan
+    buffer = DepthBuffer(depth, Camera.perspective(300, 24, fov_y_deg=20.0))
+    quick = ambient_occlusion(buffer, method="lsao", **options)
+    monkeypatch.setenv("ADRET_SKIP", "none")
+    slow = ambient_occlusion(buffer, method="lsao", **options)
+    name = "empty samples"
+    # Along the rows' axis a strip is 128 columns: 9 rows of 300, and 9 of the last 44, at least.
+    assert quick.report.skipped[name] > (9 * 300 if not options else 500)
+    assert slow.report.skipped[name] == 0
+    assert quick.occlusion.tobytes() == slow.occlusion.tobytes()
+    assert quick.confidence.tobytes() == slow.confidence.tobytes()

@@ -45,6 +45,7 @@ from adret._kernels.screen.lsao_strips import (
     sample_between,
     sample_pixels,
     set_tangents,
+    shows_nothing,
 )
 
 FIXED = 0  # tangent plane: one for all; the receiver's; one to cull, the receiver's for the result
@@ -69,10 +70,12 @@ def _sweep_strip(
     edge,
     falloff,
     table,
+    skip,
     values,
     first,
 ):
-    """Sweep the lines of one strip, side by side."""
+    """Sweep the lines of one strip, side by side; returns how many samples were passed over."""
+    skipped = 0
     loose = not published
     per_row, per_column, origin, across_per_column, across, dx, dy = geometry
     plane = (dx, dy)
@@ -112,6 +115,10 @@ def _sweep_strip(
             sample_pixels(depth[row], lines, shift, w[Z + low :])
         else:
             sample_between(depth[row], lines, shift, blend, edge, perspective, f, w[Z + low :])
+        if skip and shows_nothing(w[Z + low :], count):
+            value[:] = np.nan
+            skipped += count
+            continue
         here = per_row * row + per_column * (shift + blend) + origin
         place(w, low, count, here, perspective)
         if mode != FIXED:
@@ -130,6 +137,7 @@ def _sweep_strip(
             weigh_anew(w, low, count, falloff, table, value)
         if begun:
             begin(normal, swap, row, lines, near, plane, w, low, sizes, value)
+    return skipped
 
 
 @parallel_kernel
@@ -151,7 +159,9 @@ def sweep_lines(
     edge,
     falloff,
     table,
+    skip,
     values,
+    skipped,
 ):
     """Obscurance that the largest occluder of every line casts on each of its samples.
 
@@ -178,8 +188,12 @@ def sweep_lines(
         Difference of depth across which samples are not blended, over the depth if `perspective`.
     falloff : 5-tuple of float; table : (n,) float64
         As for `lsao_hulls.cast` and `cast_by_table`.
+    skip : bool
+        Whether rows of a strip that show no surface are passed over.
     values : (B, most samples, most lines) float32
         Output; NaN at sky and holes; undefined beyond the image.
+    skipped : (B, strips) int64
+        Output: samples that were passed over.
     """
     strips = (starts.shape[1] + STRIP - 1) // STRIP
     for task in prange(len(lines) * strips):
@@ -187,7 +201,7 @@ def sweep_lines(
         first = task % strips * STRIP
         last = min(lines[b], first + STRIP)
         if last > first:
-            _sweep_strip(
+            skipped[b, task % strips] = _sweep_strip(
                 depth,
                 normal,
                 swap,
@@ -203,6 +217,7 @@ def sweep_lines(
                 edge,
                 falloff,
                 table,
+                skip,
                 values[b],
                 first,
             )

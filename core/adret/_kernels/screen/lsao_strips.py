@@ -101,6 +101,15 @@ def sample_between(row, starts, shift, blend, edge, perspective, scratch, z):
 
 
 @kernel
+def shows_nothing(z, count):
+    """Whether none of the first lines has a depth."""
+    i = 0
+    while i < count and z[i] != z[i]:
+        i += 1
+    return i == count
+
+
+@kernel
 def place(w, low, count, here, perspective):
     """Points of lines in the planes that they span with the eye, from their depths."""
     v = w[low:]

@@ -195,7 +195,7 @@ def keep(kind: str, key: str, entry: Entry) -> None:
     path = RESULTS / "tiles.json"
     known = json.loads(path.read_text()) if path.exists() else {}
     known["machine"] = machine()
-    known.setdefault(kind, {})[key] = entry
+    known.setdefault(kind, {})[key] = entry | {"commit": known["machine"]["commit"]}
     path.write_text(json.dumps(known, indent=1) + "\n")
     print(json.dumps(entry, indent=1))
 
@@ -212,7 +212,7 @@ def report() -> None:
     lines = [
         "# Tiles",
         "",
-        f"{known['machine']['cores']} cores, commit {known['machine']['commit']}; lunar raster, "
+        f"{known['machine']['cores']} cores, commit {_commits(known)}; lunar raster, "
         f"{DIRECTIONS} azimuths, curvature on, one worker. The machine was busy with other work: "
         "CPU time is given, good to a tenth or so, and no wall time.",
         "",
@@ -260,6 +260,15 @@ def report() -> None:
     axis.set_ylim(bottom=0.0)
     axis.legend()
     figure.savefig(RESULTS / "tiles.png", dpi=120)
+
+
+def _commits(known: Entry) -> str:
+    """Which commit each kind of measurement is of."""
+    found = []
+    for kind in ("size", "overhead"):
+        commits = sorted({str(entry["commit"]) for entry in known.get(kind, {}).values()})
+        found.append(f"{', '.join(commits)} ({kind})")
+    return "; ".join(found)
 
 
 def _range(entry: Entry) -> str:

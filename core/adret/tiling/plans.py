@@ -32,6 +32,7 @@ PROCESS = 400 << 20
 # cells; measured on 2 cores, see benchmarks/scale.
 SWEEP_NS, NEAR_NS = 12.0, 0.25
 BOUNCE_NS = 300.0  # of a bounce, see benchmarks/bounces.py
+SWEPT_AGAIN = 0.15  # of a sweep, for each further time that a line is swept without a range
 PAGE = 4096  # bytes
 SIGHT_BYTES = 160  # a cell that a tile of visibility sees: frames of all octants
 VIEWSHED_BYTES = 40  # a cell that a tile of viewsheds sees: counts, bits, heights
@@ -244,7 +245,7 @@ def _azimuths(parameters: Parameters) -> int:
         return len(parameters.azimuths_deg)
     if isinstance(parameters, LightParameters):
         whole = parameters.sky != "none" or parameters.environment is not None
-        return (parameters.directions if whole else 0) + (parameters.sun_deg is not None)
+        return (int(parameters.directions) if whole else 0) + (parameters.sun_deg is not None)
     return parameters.directions if isinstance(parameters, DIRECTED) else 1
 
 
@@ -280,9 +281,20 @@ def _product(job: Job, name: str, parameters: Parameters, threads: int) -> Produ
         core_seconds=rows
         * columns
         * azimuths
-        * (SWEEP_NS + NEAR_NS * near + passes * BOUNCE_NS)
+        * ((SWEEP_NS + NEAR_NS * near) * _sweeps(job, parameters) + passes * BOUNCE_NS)
         * 1e-9,
     )
+
+
+def _sweeps(job: Job, parameters: BodyParameters) -> float:
+    """Time of all tiles over that of the untiled raster: without a range lines begin at its edge.
+
+    Lines that pass a tile of T cells are T (1 + t), t being their shear, one half on average; each
+    is swept from the edge, half of the raster on average.
+    """
+    if parameters.max_distance is not None:
+        return 1.0
+    return 1.0 + SWEPT_AGAIN * (1.5 * (_across(job) + 1) / 2.0 - 1.5)
 
 
 def default_threads(workers: int) -> int:

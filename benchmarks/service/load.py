@@ -119,7 +119,7 @@ def main() -> None:
     parser.add_argument("--database", choices=["sqlite", "postgresql"], default="sqlite")
     parser.add_argument("--keep", action="store_true", help="Write the results' file.")
     options = parser.parse_args()
-    with serving(options.database, ADRET_THREADS_PER_JOB="1", ADRET_COMPUTE_NICE="5") as server:
+    with serving(options.database, ADRET_THREADS_PER_JOB="1", ADRET_COMPUTE_NICE="10") as server:
         dataset = server.upload(DEM).json()["id"]
         load = Load(server, dataset, tiles_of(server, dataset))
         for _ in range(3):

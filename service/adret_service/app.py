@@ -22,6 +22,7 @@ from adret_service.ingest import Ingest
 from adret_service.lookup import Lookup
 from adret_service.middleware import BodyLimit, RequestId, SameOrigin
 from adret_service.observing import Observe, Requests
+from adret_service.queue_length import QueueLength
 from adret_service.rates import Buckets, Rate
 from adret_service.resuming import Partials
 from adret_service.routes import (
@@ -150,7 +151,7 @@ def open_service(
     looking = (
         Lookup(engine.look),
         Lookup(catalogue.look),
-        Lookup(lambda names: dict.fromkeys(names, engine.waiting())),
+        QueueLength(engine.waiting),
     )
     shared = (settings, engine, catalogue, storage, ingest, viewers, partials, *looking)
     if settings.auth == "none":

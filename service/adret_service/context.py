@@ -15,6 +15,7 @@ from adret_service.engine.port import JobEngine, JobRecord
 from adret_service.ingest import Ingest
 from adret_service.lookup import Lookup
 from adret_service.problems import Problem
+from adret_service.queue_length import QueueLength
 from adret_service.rates import Buckets
 from adret_service.resuming import Partials
 from adret_service.settings import Settings
@@ -27,7 +28,6 @@ __all__ = ["Service", "ServiceDep", "Tenant", "base_url"]
 BEARER = HTTPBearer(auto_error=False, description="An API key, where the service asks for one.")
 HEADER = APIKeyHeader(name="X-API-Key", auto_error=False, description="The same.")
 TOKEN = APIKeyQuery(name="token", auto_error=False, description="For maps: of a TileJSON document.")
-WAITING = "waiting"
 READING = ("GET", "HEAD")
 
 
@@ -44,7 +44,7 @@ class Service:
     partials: Partials
     jobs: Lookup[JobRecord]
     datasets: Lookup[Dataset]
-    queue: Lookup[int]  # of WAITING
+    queue: QueueLength
     keys: KeyFile | None = None
     rates: dict[str, Buckets] | None = None
     tokens: TokenMaker | None = None

@@ -36,6 +36,7 @@ FACTOR = 3.0  # for other machines, and busy ones; on the benchmark's own core i
 ENOUGH = 5  # jobs from which on their times count more than the line
 COMPRESSED = 0.6  # stored bytes a byte of a number, about
 SSAO_SAMPLES = 64  # of a pixel, where the order does not say
+AUTO = 64  # azimuths that a choice of their number comes to on rough ground
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +120,7 @@ def _passes(process: str, inputs: Mapping[str, Any]) -> int:
         given = inputs.get("samples") or inputs.get("rays") or (lines if lines > 1 else None)
         return int(given or SSAO_SAMPLES)
     azimuths = inputs.get("azimuths_deg")
-    passes = len(azimuths) if azimuths else int(inputs.get("directions") or 1)
+    passes = len(azimuths) if azimuths else _count(inputs.get("directions"))
     if process == "shadow":
         return 1
     if process == "bounce":
@@ -128,6 +129,11 @@ def _passes(process: str, inputs: Mapping[str, Any]) -> int:
     if process == "light" and inputs.get("sky", "none") == "none":
         return 1
     return passes + (inputs.get("sun_deg") is not None)
+
+
+def _count(directions: Any) -> int:
+    """Azimuths to expect."""
+    return AUTO if directions == "auto" else int(directions or 1)
 
 
 def seconds(core_seconds: float, threads: int, earlier: Sequence[JobRecord]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Header, Request, Response
 from starlette.responses import JSONResponse
 
-from adret_service.context import WAITING, BaseUrl, Service, ServiceDep, Tenant
+from adret_service.context import BaseUrl, Service, ServiceDep, Tenant
 from adret_service.datasets import Dataset
 from adret_service.documents import StatusInfo
 from adret_service.engine.port import JobRecord, KeyReused, OverQuota, Quota, RequestKey
@@ -117,8 +117,7 @@ async def execute_process(
     process = known_process(service, process_id)
     preferred = preferences(prefer or [])
     what = await checked(service, process, order, tenant, base)
-    waiting = await service.queue.get(WAITING) or 0
-    place = partial(placed, service, process, order, tenant, base, request, key, waiting, what)
+    place = partial(placed, service, process, order, tenant, base, request, key, what)
     job, cells = await run_sync(place)
     headers = {k: v for k, v in response.headers.items() if k.startswith("ratelimit")}
     seconds = patience(process, cells, preferred, service.settings)
@@ -146,7 +145,6 @@ def placed(
     base: str,
     request: Request,
     key: str | None,
-    waiting: int,
     what: tuple[str, dict[str, Any], Dataset | None],
 ) -> tuple[JobRecord, int]:
     """Have a checked order accepted; returns its job and the cells it is about."""
@@ -156,6 +154,7 @@ def placed(
     )
     wanted = checked_request(order, process, outbound)
     require_room(service)
+    waiting = service.queue.now()
     if waiting >= service.settings.queue_max:
         detail = f"queue: must be below {service.settings.queue_max} waiting jobs, got {waiting}"
         raise Problem(503, detail, headers={"Retry-After": "30"})
@@ -182,6 +181,7 @@ def placed(
     try:
         quota = quota_of(service.settings)
         job = service.engine.submit(job, named, cells=cells, quota=quota)
+        service.queue.one_more()
     except LookupError:
         raise invalid(unknown_dataset(dataset)) from None
     except OverQuota as over:

@@ -52,19 +52,21 @@ class Engine(Protocol):
 
 
 class _Framed:
-    """Keeps the frames of the latest octants: latitude bands may straddle an octant's border."""
+    """Keeps the latest octant's frame, or two: latitude bands may straddle an octant's border."""
 
     def __init__(self, terrain: Terrain, options: "HorizonOptions") -> None:
         self.terrain = terrain
         self.options = options
         self._frames: dict[Orientation, SweepFrame] = {}
         self.left_out: Counter[str] = Counter()
+        bands = terrain.latitude_bands(MAX_AZIMUTH_ERROR)
+        self._kept = min(len(bands), 2)
         cells = options.range / smallest_cell(terrain)
         self._reach = math.ceil(cells) if cells < math.inf else 0
 
     def frame(self, orientation: Orientation, near: int, reach: int) -> SweepFrame:
         if orientation not in self._frames:
-            if len(self._frames) > 1:
+            if len(self._frames) >= self._kept:
                 del self._frames[next(iter(self._frames))]
             seen, top, left, stored = self.terrain.view
             row, column = self.terrain.origin

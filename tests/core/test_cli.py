@@ -371,3 +371,21 @@ def test_nothing_given_shows_the_help(run: Run) -> None:
     done = run()
     assert done.code == 2
     assert "Commands:" in done.out
+
+
+def test_the_number_of_azimuths_can_be_left_to_the_product(
+    run: Run, dem: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "auto.tif"
+    assert run("sky", dem, out, "--directions", "auto", "--tolerance", "0.01").code == 0
+    with rasterio.open(out) as found:
+        chosen = found.tags()["ADRET_DIRECTIONS"]
+        layer = found.read(1)
+    count = int(chosen.split()[0])
+    assert chosen.startswith(f"{count} (auto: changed by 0.0")
+    plain = adret.sky_view_factor(adret.Terrain.open(dem), directions=count)
+    np.testing.assert_allclose(layer, plain, rtol=2e-6)
+    refused = run("openness", dem, tmp_path / "o.tif", "--tolerance", "0.01")
+    assert (refused.code, "tolerance: must be left out" in refused.err) == (2, True)
+    tiled = run("batch", dem, tmp_path / "out", "--product", "sky", "--directions", "auto")
+    assert tiled.code == 2

@@ -9,6 +9,7 @@ from adret.parameters.horizons import (
     OpennessParameters,
     RayParameters,
     RoundParameters,
+    SettledParameters,
     SkyViewParameters,
 )
 from adret.parameters.lights import (
@@ -31,6 +32,7 @@ __all__ = [
     "Parameters",
     "RayParameters",
     "RoundParameters",
+    "SettledParameters",
     "ShadowParameters",
     "SkyViewParameters",
     "SourceParameters",

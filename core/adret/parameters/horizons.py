@@ -12,6 +12,7 @@ __all__ = [
     "OpennessParameters",
     "RayParameters",
     "RoundParameters",
+    "SettledParameters",
     "SkyViewParameters",
 ]
 
@@ -76,6 +77,32 @@ class RoundParameters(RayParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SettledParameters(RoundParameters):
+    """Products that may double their azimuths until they settle."""
+
+    directions: int | Literal["auto"] = option(  # type: ignore[assignment]
+        64,
+        "Number of azimuths, equally spaced from grid north; auto: doubled from 8 until the "
+        "result changes by no more than the tolerance.",
+        minimum=1,
+        maximum=7200,
+    )
+    tolerance: float | None = option(
+        None,
+        "Mean change, as a share of the scale (1, 90 degrees, the mean irradiance), that ends the "
+        "doubling; only where directions is auto. Default: 0.002.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse a tolerance that nothing asks for."""
+        super().__post_init__()
+        if self.tolerance is not None and self.directions != "auto":
+            raise InputError("tolerance", "left out unless directions is auto", self.tolerance)
+
+
+@dataclass(frozen=True, kw_only=True)
 class HorizonParameters(RoundParameters):
     """Parameters of the horizon map."""
 
@@ -93,7 +120,7 @@ class HorizonParameters(RoundParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SkyViewParameters(RoundParameters):
+class SkyViewParameters(SettledParameters):
     """Parameters of the sky view."""
 
     kind: Literal["visible", "horizontal", "normal"] = option(
@@ -105,7 +132,7 @@ class SkyViewParameters(RoundParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class OpennessParameters(RoundParameters):
+class OpennessParameters(SettledParameters):
     """Parameters of openness."""
 
     sign: int = option(1, "1 for positive, -1 for negative openness.", minimum=-1, maximum=1)

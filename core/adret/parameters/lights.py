@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from adret.errors import InputError
-from adret.parameters.horizons import BodyParameters, RayParameters, RoundParameters
+from adret.parameters.horizons import BodyParameters, RayParameters, SettledParameters
 from adret.parameters.specification import Parameters, option
 
 __all__ = ["BounceParameters", "LightParameters", "ShadowParameters", "SourceParameters"]
@@ -97,7 +97,7 @@ class SourceParameters(Parameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LightParameters(SourceParameters, RoundParameters):
+class LightParameters(SourceParameters, SettledParameters):
     """Parameters of the light map."""
 
     albedo: float | None = option(

@@ -85,11 +85,12 @@ def specifications(parameters: "type[Parameters]") -> tuple[Specification, ...]:
     --------
     >>> from adret.parameters import OpennessParameters
     >>> [s.name for s in specifications(OpennessParameters)][:3]
-    ['sign', 'directions', 'method']
+    ['sign', 'directions', 'tolerance']
     """
     hints = get_type_hints(parameters)
     known = {entry.name: entry for entry in fields(parameters)}
-    order = [name for part in parameters.__mro__ for name in vars(part).get("__annotations__", ())]
+    parts = (vars(part).get("__annotations__", ()) for part in parameters.__mro__)
+    order = dict.fromkeys(name for part in parts for name in part)
     found = []
     for entry in (known[name] for name in order):
         kind, optional, choices = _kind(hints[entry.name])

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from adret.cogs import Layers, PixelGrid
 from adret.errors import InputError
-from adret.parameters import BodyParameters, RayParameters, RoundParameters
+from adret.parameters import BodyParameters, RayParameters, RoundParameters, SettledParameters
+from adret.report import last_run_report
 
 if TYPE_CHECKING:
     from adret.terrain import Terrain
@@ -111,6 +112,9 @@ def tags_of(
             tags["ADRET_NEAR"] = str(NEAR_DEFAULT if parameters.near is None else parameters.near)
     if isinstance(parameters, RoundParameters):
         tags["ADRET_DIRECTIONS"] = str(parameters.directions)
+    report = last_run_report()
+    if isinstance(parameters, SettledParameters) and parameters.directions == "auto" and report:
+        tags["ADRET_DIRECTIONS"] = f"{report.directions} (auto: changed by {report.change:.3g})"
     if terrain.grid.azimuth_error > 0.0:
         error = np.degrees(min(terrain.grid.azimuth_error, MAX_AZIMUTH_ERROR))
         tags["ADRET_AZIMUTH_ERROR"] = f"at most {error:.4f} deg"

@@ -78,6 +78,7 @@ def sky_view(
         clip=parameters.clip,
         progress=progress,
         directions=parameters.directions,
+        tolerance=parameters.tolerance,
         **ray_options(terrain, parameters),
     )
     clipped = "max(h, hp, 0)" if parameters.clip else "max(h, hp)"
@@ -106,6 +107,7 @@ def openness(
         1 if parameters.sign > 0 else -1,
         progress=progress,
         directions=parameters.directions,
+        tolerance=parameters.tolerance,
         **ray_options(terrain, parameters),
     )
     word = "positive" if parameters.sign > 0 else "negative"

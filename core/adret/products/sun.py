@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from adret.nested_azimuths import Directions
 from adret.parameters import (
     BounceParameters,
     LightParameters,
@@ -60,7 +61,11 @@ def shadow(terrain: "Terrain", parameters: ShadowParameters, progress: Progress 
 
 def light(terrain: "Terrain", parameters: LightParameters, progress: Progress | None) -> Result:
     total, sources = _direct(
-        terrain, parameters, parameters.directions, ray_options(terrain, parameters), progress
+        terrain,
+        parameters,
+        parameters.directions,
+        ray_options(terrain, parameters) | {"tolerance": parameters.tolerance},
+        progress,
     )
     quantity = "irradiance on the sloping cell"
     if parameters.albedo is not None:
@@ -162,7 +167,7 @@ def bounced(
 def _direct(
     terrain: "Terrain",
     parameters: SourceParameters,
-    directions: int,
+    directions: Directions,
     options: dict[str, Any],
     progress: Progress | None,
 ) -> tuple[NDArray[np.float32], list[str]]:

@@ -56,11 +56,22 @@ class Job:
         Names in `adret.products.PRODUCTS`.
     tile_size : int
         Cells a side.
+
+    Raises
+    ------
+    InputError
+        If a product's azimuths are to be chosen: each tile would choose its own.
     """
 
     surface: Surface
     products: Mapping[str, Parameters]
     tile_size: int
+
+    def __post_init__(self) -> None:
+        """Refuse what makes a tile differ from the whole."""
+        for parameters in self.products.values():
+            if getattr(parameters, "directions", None) == "auto":
+                raise InputError("directions", "a number in tiles", "auto")
 
     @property
     def tiles(self) -> list[Tile]:

@@ -1,7 +1,7 @@
 """More workers: the same tiles by 1, 2 and 4 processes of each executor.
 
     python benchmarks/scale/workers.py                  all of them
-    python benchmarks/scale/workers.py dask             one
+    python benchmarks/scale/workers.py dask --quiet     one, on a machine with nothing else to do
 
 Executors: local, dask, queue-sqlite, queue-postgresql (needs PostgreSQL's programs). Each worker
 has one thread. Tiles of a first batch compile and warm up; then a second batch is timed. Two
@@ -96,12 +96,13 @@ def report(known: dict[str, Any]) -> None:
         "",
         f"Sky view, {DIRECTIONS} azimuths, range {RANGE / 1000:g} km, of a lunar raster of "
         f"{SIZE}² in {(SIZE // TILE) ** 2} tiles of {TILE}², one thread a worker, on "
-        f"{known['machine']['cores']} virtual cores that are two threads of one, shared with other "
-        f"work; commit {known['machine']['commit']}. Busy: share of the workers' time that goes "
-        "into tiles.",
+        f"{known['machine']['cores']} virtual cores that are two threads of one. Busy: "
+        "share of the workers' time that goes into tiles. Where the machine was shared with other "
+        "work, times say little about how much faster more workers are.",
         "",
-        "| executor | workers | wall, s | times faster than 1 | efficiency up to 2 cores | busy |",
-        "|---|---:|---:|---:|---:|---:|",
+        "| executor | workers | wall, s | times faster than 1 | efficiency up to 2 cores | busy "
+        "| machine |",
+        "|---|---:|---:|---:|---:|---:|---|",
     ]
     figure, axis = pyplot.subplots(figsize=(6.0, 3.6), layout="constrained")
     for name in (each for each in EXECUTORS if each in known):
@@ -112,7 +113,7 @@ def report(known: dict[str, Any]) -> None:
             lines.append(
                 f"| {name} | {entry['workers']} | {entry['wall_s']:.1f} | {faster:.2f} "
                 f"| {faster / min(entry['workers'], known['machine']['cores']):.2f} "
-                f"| {100 * entry['busy']:.0f} % |"
+                f"| {100 * entry['busy']:.0f} % | {'quiet' if entry['quiet'] else 'shared'} |"
             )
         axis.plot(
             [entry["workers"] for entry in entries],
@@ -134,6 +135,7 @@ def main() -> None:
     """Measure what is asked for, and write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("executors", nargs="*", default=EXECUTORS)
+    parser.add_argument("--quiet", action="store_true", help="nothing else runs meanwhile")
     given = parser.parse_args()
     path = RESULTS / "workers.json"
     known = json.loads(path.read_text()) if path.exists() else {}
@@ -143,7 +145,9 @@ def main() -> None:
         moon.write(folder / "moon.tif", SIZE, [(0, SIZE)])
         surface = Surface.open([folder / "moon.tif"])
         for name in given.executors:
-            known[name] = [measure(name, count, surface, folder) for count in WORKERS]
+            known[name] = [
+                measure(name, count, surface, folder) | {"quiet": given.quiet} for count in WORKERS
+            ]
             known["machine"] = machine()
             path.write_text(json.dumps(known, indent=1) + "\n")
     report(known)

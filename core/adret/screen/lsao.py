@@ -11,6 +11,7 @@ from adret._kernels.frames import copy_oriented
 from adret._kernels.screen import lsao as kernels
 from adret._kernels.screen import lsao_gather as gathering
 from adret._kernels.screen.falloffs import QUADRATIC, TABLE, TIMONEN
+from adret._kernels.screen.lsao_strips import STRIP
 from adret.screen.falloffs import Falloff
 from adret.screen.field import Field
 from adret.screen.line_sweeps import (
@@ -223,7 +224,7 @@ def _sweep(
         across.append((0.0, 0.0, 0.0) if flat else crosswise)
     rows = _stacked([each.rows for each in lattices])
     starts = _stacked([each.starts for each in lattices])
-    skipped = np.zeros((len(plans), -(-starts.shape[1] // kernels.STRIP)), dtype=np.int64)
+    skipped = np.zeros((len(plans), -(-starts.shape[1] // STRIP)), dtype=np.int64)
     edge = options.edge * frame.pixel
     falloff, table = _formula(options.weights())
     kernels.sweep_lines(

@@ -1,5 +1,7 @@
 """What a batch writes, opened with the tools that people use: place, scale, nodata, units."""
 
+import json
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,8 @@ import rasterio
 import adret
 import raster_files
 from adret.cli import main
+
+SYSTEM_PYTHON = Path("/usr/bin/python3")  # what a distribution's QGIS is installed for
 
 
 @pytest.fixture(scope="module")
@@ -69,3 +73,25 @@ def test_odc_geo_and_xarray_find_the_grid(written: Path) -> None:
         assert opened.attrs["ADRET_PRODUCT"] == "sky-view"
         view = adret.sky_view_factor(terrain, directions=4, max_distance=5000.0)
         assert opened.values[0].tobytes() == view.tobytes()
+
+
+def test_qgis_reads_degrees_and_their_place(written: Path) -> None:
+    command = [str(SYSTEM_PYTHON), str(Path(__file__).with_name("qgis_reader.py"))]
+    known = [str(SYSTEM_PYTHON), "-c", "import qgis.core"]
+    if not SYSTEM_PYTHON.exists() or subprocess.run(known, capture_output=True).returncode:
+        pytest.skip("QGIS is not installed for the system's Python")
+    path = written / "out" / "horizon.tif"
+    answer = subprocess.run([*command, str(path)], capture_output=True, check=True, timeout=120)
+    found = json.loads(answer.stdout)
+    wanted = horizons(written)
+    with rasterio.open(path) as dataset:
+        np.testing.assert_allclose(found["bounds"], dataset.bounds, rtol=1e-12)
+    assert found["valid"]
+    assert found["crs"] == "EPSG:2056"
+    assert found["shape"] == list(wanted.shape[1:])
+    assert found["bands"] == 4
+    assert "azimuth 0.0 deg" in found["name"]
+    assert found["degrees"]
+    degrees = np.array(found["values"], dtype=np.float64)
+    assert (np.isnan(degrees) == np.isnan(wanted[0])).all()
+    np.testing.assert_allclose(degrees, wanted[0], atol=0.0015)

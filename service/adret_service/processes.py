@@ -10,10 +10,13 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    SerializeAsAny,
     Strict,
     TypeAdapter,
     ValidationError,
+    ValidatorFunctionWrapHandler,
     WithJsonSchema,
+    WrapValidator,
     create_model,
 )
 
@@ -218,10 +221,12 @@ def _annotation(spec: Specification) -> Any:
     kind: Any
     match spec.type:
         case "integer" if spec.choices:
-            # A union's errors would name the branches; the library's own check names the field.
+            # A union's errors would name the branches, not the field.
+            number: Any = Annotated[int, Strict(), *bounds]
             words: Any = Literal.__getitem__(spec.choices)
-            schema = TypeAdapter(Annotated[int, *bounds] | words).json_schema()
-            kind = Annotated[Any, WithJsonSchema(schema)]
+            schema = TypeAdapter(number | words).json_schema()
+            or_words = _or_one_of(spec.choices)
+            kind = Annotated[number, or_words, SerializeAsAny(), WithJsonSchema(schema)]
         case "integer":
             kind = Annotated[int, Strict(), *bounds]
         case "number":
@@ -232,8 +237,8 @@ def _annotation(spec: Specification) -> Any:
             sizes = Len(spec.length or 1, spec.length or MAX_LIST)
             kind = Annotated[list[Annotated[float, Strict(), *bounds]], sizes]
         case "cells" | "points":
-            number: Any = int if spec.type == "cells" else float
-            member: Any = Annotated[number, Strict(), *bounds]
+            single: Any = int if spec.type == "cells" else float
+            member: Any = Annotated[single, Strict(), *bounds]
             pair: Any = Annotated[list[member], Len(2, 2)]
             kind = Annotated[list[pair], Len(1, MAX_LIST)]
         case _:
@@ -242,6 +247,19 @@ def _annotation(spec: Specification) -> Any:
         kind = kind | None
     unit = f" [{spec.unit}]" if spec.unit else ""
     return Annotated[kind, Field(description=spec.description + unit)]
+
+
+def _or_one_of(words: tuple[str, ...]) -> WrapValidator:
+    """Let some words stand for a number."""
+
+    def checked(value: Any, number: ValidatorFunctionWrapHandler) -> Any:
+        if not isinstance(value, str):
+            return number(value)
+        if value not in words:
+            raise ValueError(f"a whole number or {' or '.join(words)}")
+        return value
+
+    return WrapValidator(checked)
 
 
 def _under_inputs(error: FieldError) -> FieldError:

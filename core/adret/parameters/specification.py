@@ -1,7 +1,8 @@
 """What is known of a parameter, and the check of every value against it."""
 
-import math
+import sys
 from dataclasses import dataclass, field, fields
+from functools import cache
 from types import NoneType
 from typing import Any, get_args, get_type_hints
 
@@ -11,6 +12,8 @@ __all__ = ["Parameters", "Specification", "option", "specifications"]
 
 MAX_LIST = 7200
 """Members that a list of pairs may have."""
+
+LARGEST = sys.float_info.max  # whole numbers may be larger, and are no floats then
 
 
 def option(
@@ -87,6 +90,11 @@ def specifications(parameters: "type[Parameters]") -> tuple[Specification, ...]:
     >>> [s.name for s in specifications(OpennessParameters)][:3]
     ['sign', 'directions', 'tolerance']
     """
+    return _specifications(parameters)
+
+
+@cache
+def _specifications(parameters: Any) -> tuple[Specification, ...]:
     hints = get_type_hints(parameters)
     known = {entry.name: entry for entry in fields(parameters)}
     parts = (vars(part).get("__annotations__", ()) for part in parameters.__mro__)
@@ -181,7 +189,7 @@ def _number(spec: Specification, value: Any) -> float | int:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise InputError(spec.name, f"{wanted}{_limits(spec)}", value)
     inside = (
-        math.isfinite(value)
+        -LARGEST <= value <= LARGEST
         and (spec.minimum is None or value >= spec.minimum)
         and (spec.maximum is None or value <= spec.maximum)
         and (spec.above is None or value > spec.above)

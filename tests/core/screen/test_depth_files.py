@@ -172,7 +172,8 @@ def pickled():
 def zipped(name, data, size=None):
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(name, data)
+        entry = zipfile.ZipInfo(name)  # dated 1980: tests are named by these bytes
+        archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
     return stream.getvalue()
 
 

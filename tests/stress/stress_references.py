@@ -87,3 +87,124 @@ def slopes(
         best[np.isnan(z)] = np.nan
         found.append(best)
     return np.stack(found)
+
+
+def plane_slopes(
+    heights: ArrayLike, cell_size: tuple[float, float]
+) -> tuple[NDArray[np.longdouble], NDArray[np.longdouble]]:
+    """Rise towards east and north: the mean of the one-sided differences that there are."""
+    z = np.asarray(heights).astype(np.longdouble)
+    found = []
+    for size, (down, right) in zip(cell_size, ((0, 1), (-1, 0)), strict=True):
+        ahead, behind = _shifted(z, down, right) - z, z - _shifted(z, -down, -right)
+        both = (ahead + behind) / 2.0
+        one = np.where(np.isnan(ahead), behind, ahead)
+        rise = np.where(np.isnan(both), one, both)
+        found.append(np.where(np.isnan(rise) & ~np.isnan(z), 0.0, rise) / size)
+    return found[0], found[1]
+
+
+def moment(slope: NDArray[np.longdouble], plane: NDArray[np.longdouble]) -> NDArray[np.longdouble]:
+    """∫ (sin e - plane·cos e) cos e de from atan(slope) to the zenith."""
+    # The angle down from the zenith, without the rounding of π/2 - e.
+    left = np.arctan2(np.ones_like(slope), slope)
+    cosine, sine = np.sin(left), np.cos(left)
+    # π/2 - e - sin e cos e cancels near the zenith: there its series.
+    gap = np.where(left < 1e-3, 2.0 / 3.0 * left**3 - 2.0 / 15.0 * left**5, left - sine * cosine)
+    return (cosine**2 - plane * gap) / 2.0
+
+
+def _rays(
+    z: NDArray[np.longdouble], cell_size: tuple[float, float], azimuth: float
+) -> list[tuple[np.longdouble, bool, tuple[tuple[int, int, float], ...]]]:
+    """Crossings of a cell's ray by distance: (way, whether across its larger axis, cells beside).
+
+    The cells beside are (rows down, columns right, weight).
+    """
+    dx, dy = cell_size
+    down, right = -math.cos(azimuth) / dy, math.sin(azimuth) / dx
+    large = max(abs(down), abs(right))
+    down = 0.0 if abs(down) < SNAP * large else down
+    right = 0.0 if abs(right) < SNAP * large else right
+    found = []
+    for by_row in (True, False):
+        along, across = (down, right) if by_row else (right, down)
+        if along == 0.0:
+            continue
+        sign = 1 if along > 0.0 else -1
+        for j in range(1, z.shape[0] if by_row else z.shape[1]):
+            way = np.longdouble(j) / abs(np.longdouble(along))
+            position = float(np.longdouble(across) * way)
+            low = math.floor(position + SNAP)
+            share = position - low if position - low > SNAP else 0.0
+            beside = [(low, 1.0 - share)] + ([(low + 1, share)] if share else [])
+            cells = tuple(
+                (sign * j, aside, w) if by_row else (aside, sign * j, w) for aside, w in beside
+            )
+            if share or by_row or not down:  # through a cell's centre: listed with the rows
+                found.append((way, abs(along) > large * (1.0 - SNAP) or not share, cells))
+    return sorted(found, key=lambda each: each[0])
+
+
+def _along(
+    values: NDArray[np.longdouble], cells: tuple[tuple[int, int, float], ...]
+) -> NDArray[np.longdouble]:
+    return np.sum([w * _shifted(values, down, right) for down, right, w in cells], axis=0)
+
+
+def bounced(
+    heights: ArrayLike, radiance: ArrayLike, cell_size: tuple[float, float], azimuths: ArrayLike
+) -> NDArray[np.longdouble]:
+    """Irradiance of every cell from the radiance of the ground that it sees.
+
+    Each band of elevations that a crossing adds to the horizon sees the surface between that
+    crossing and the point where the old line of sight meets the surface: the mean of both ends.
+    """
+    z = np.asarray(heights).astype(np.longdouble)
+    light = np.where(np.isnan(z), 0.0, np.asarray(radiance).astype(np.longdouble))
+    east, north = plane_slopes(z, cell_size)
+    total, whole = np.zeros_like(z), np.zeros_like(z)
+    for azimuth in np.atleast_1d(azimuths):
+        plane = east * math.sin(azimuth) + north * math.cos(azimuth)
+        top = plane.copy()
+        whole += moment(plane, plane)
+        way0, rise0, sent0 = np.longdouble(0.0), np.zeros_like(z), light
+        for way, _, cells in _rays(z, cell_size, float(azimuth)):
+            rise, sent = _along(z, cells) - z, _along(light, cells)
+            seen = rise > top * way  # never beside nodata
+            over, under = rise - top * way, np.fmax(top * way0 - rise0, 0.0)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                share = np.where(np.isnan(rise0), 0.0, over / (over + under))
+                old = np.where(share > 0.0, (1.0 - share) * sent + share * sent0, sent)
+                band = moment(top, plane) - moment(rise / way, plane)
+            total += np.where(seen, (sent + old) / 2.0 * band, 0.0)
+            top = np.where(seen, rise / way, top)
+            way0, rise0, sent0 = way, rise, sent
+    return np.where(np.isnan(z), np.nan, math.pi * total / whole)
+
+
+def seen_counts(
+    heights: ArrayLike, cell_size: tuple[float, float], azimuths: ArrayLike
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Samples that every cell sees: for certain, and if all were seen that are hidden by little.
+
+    Little is what is stated of own rays, twice, as both ends of a comparison have it: 2⁻²² of the
+    largest height and 2⁻¹⁹ of a cell at the first crossing, and 2⁻²² of the slope. Rasters have
+    17 rows and columns at most, so that no cell has a second group of sixteen samples.
+    """
+    z = np.asarray(heights).astype(np.longdouble)
+    z = z - z[np.isfinite(z)][0]
+    size = np.nanmax(np.abs(z))
+    least, most = np.zeros(z.shape, np.int64), np.zeros(z.shape, np.int64)
+    for azimuth in np.atleast_1d(azimuths):
+        top = np.full(z.shape, -np.inf, np.longdouble)
+        rays = _rays(z, cell_size, float(azimuth))
+        for way, sample, cells in rays:
+            slope = (_along(z, cells) - z) / way
+            if sample:
+                steep = np.where(np.isinf(top), 0.0, np.abs(top))
+                little = (2.0**-22 * size + 2.0**-19 * min(cell_size)) / rays[0][0]
+                least += slope >= top + 1e-16 * (size / way + steep)
+                most += slope >= top - 2.0 * (little + 2.0**-22 * steep)
+            top = np.fmax(top, slope)
+    return least, most

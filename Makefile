@@ -48,6 +48,7 @@ format: $(DEVELOP) ## Format and fix what can be fixed
 bench: $(STAMP) ## Measure run time against error, with peers; writes benchmarks/results
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[service,dev,bench]"
 	$(BIN)/python benchmarks/horizon.py
+	$(BIN)/python benchmarks/skips.py
 	$(BIN)/python benchmarks/visibility.py
 	$(BIN)/python benchmarks/viewsheds.py
 	$(BIN)/python benchmarks/bounces.py

@@ -10,7 +10,7 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    SerializeAsAny,
+    PlainSerializer,
     Strict,
     TypeAdapter,
     ValidationError,
@@ -226,7 +226,7 @@ def _annotation(spec: Specification) -> Any:
             words: Any = Literal.__getitem__(spec.choices)
             schema = TypeAdapter(number | words).json_schema()
             or_words = _or_one_of(spec.choices)
-            kind = Annotated[number, or_words, SerializeAsAny(), WithJsonSchema(schema)]
+            kind = Annotated[number, or_words, _as_it_is, WithJsonSchema(schema)]
         case "integer":
             kind = Annotated[int, Strict(), *bounds]
         case "number":
@@ -247,6 +247,9 @@ def _annotation(spec: Specification) -> Any:
         kind = kind | None
     unit = f" [{spec.unit}]" if spec.unit else ""
     return Annotated[kind, Field(description=spec.description + unit)]
+
+
+_as_it_is = PlainSerializer(lambda value: value)
 
 
 def _or_one_of(words: tuple[str, ...]) -> WrapValidator:

@@ -2,7 +2,6 @@
 
 import sys
 from dataclasses import dataclass, field, fields
-from functools import cache
 from types import NoneType
 from typing import Any, get_args, get_type_hints
 
@@ -81,6 +80,9 @@ class Specification:
     form: str | None
 
 
+_KNOWN: dict[type, tuple[Specification, ...]] = {}
+
+
 def specifications(parameters: "type[Parameters]") -> tuple[Specification, ...]:
     """What is known of each parameter of a product: its own first, then the shared ones.
 
@@ -90,11 +92,8 @@ def specifications(parameters: "type[Parameters]") -> tuple[Specification, ...]:
     >>> [s.name for s in specifications(OpennessParameters)][:3]
     ['sign', 'directions', 'tolerance']
     """
-    return _specifications(parameters)
-
-
-@cache
-def _specifications(parameters: Any) -> tuple[Specification, ...]:
+    if parameters in _KNOWN:
+        return _KNOWN[parameters]
     hints = get_type_hints(parameters)
     known = {entry.name: entry for entry in fields(parameters)}
     parts = (vars(part).get("__annotations__", ()) for part in parameters.__mro__)
@@ -112,7 +111,7 @@ def _specifications(parameters: Any) -> tuple[Specification, ...]:
                 **entry.metadata,
             )
         )
-    return tuple(found)
+    return _KNOWN.setdefault(parameters, tuple(found))
 
 
 def _kind(hint: Any) -> tuple[str, bool, tuple[str, ...]]:

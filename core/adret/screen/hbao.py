@@ -96,7 +96,7 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
 
     Notes
     -----
-    In each image direction the samples that raise the elevation φ above the viewing plane add
+    In each direction the samples that raise the elevation φ above the plane across the view ray add
     W(|S - P|) [(sin φ_i - sin t_i) - (sin φ_{i-1} - sin t_{i-1})], t_i being the elevation of the
     tangent plane below the sample; the mean over the directions is the occlusion, weighted
     uniformly over the hemisphere. Samples further away than the radius are left out.
@@ -106,12 +106,16 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     radius is, none. Published is an end at that point for the whole pixel. What lies within the
     first step is not seen: few steps at a large projected radius give too little occlusion.
 
-    Ours is exact where the publication is not: tangents are taken at the samples' own places in
-    view space, so a plane gives 0 at any tilt in perspective, too.
+    Ours is exact where the publication is not. Published elevations stand on the image plane; a
+    surface that the eye sees but that plane does not (beside the axis of a perspective camera)
+    then shadows itself wholly, and a line of the image is not one azimuth. Ours stand on the plane
+    across the pixel's view ray, directions are uniform about that ray, and tangents are taken at
+    the samples' own places: a plane gives 0 at any tilt, and with W = 1 the limit of many samples
+    is the uniform integral. In orthographic projection both are the same.
 
     The integral as published counts a vertical wall by one sample at its top, and weighs it by
     the distance to there: a step of 0.6 at a distance of 0.5, W = 1 - (d/2)², gives 0.204, where
-    rays give 0.222. Directions are uniform in the image, not round the normal. The form ``rays``
+    rays give 0.222. Directions are uniform about the view ray, not the normal. The form ``rays``
     marches through the depth image along 3D rays that are uniform over the hemisphere round the
     normal; as published it weighs the surface behind which a ray first finds itself, again a
     wall's top, and steps on where that is further away than the radius.
@@ -185,5 +189,10 @@ def _small(field: Field, options: Options) -> int:
         return 0
     row0, row1, column0, column1 = field.frame
     depth = field.depth[row0:row1, column0:column1]
-    pixel = min(field.rays[0], -field.rays[2]) * (depth if field.perspective else 1.0)
+    ax, bx, ay, by = field.rays
+    pixel = np.full(depth.shape, min(ax, -ay))
+    if field.perspective:
+        u = ax * np.arange(column0, column1) + bx
+        v = ay * np.arange(row0, row1) + by
+        pixel *= depth / np.sqrt(1.0 + u * u + (v * v)[:, None])
     return int(np.count_nonzero(~np.isnan(depth) & (options.radius < pixel)))

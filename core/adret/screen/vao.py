@@ -159,7 +159,11 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     -----
     Pipes: V = Σ Δz_i / F, Δz_i being the free length of a pipe in the sphere of radius R/2 that
     touches the surface, F the sum of all lengths of the same pipes (weighted) or what it is on
-    average (analytic). Samples are Poisson-disk points, turned from pixel to pixel of the tile.
+    average (analytic). Samples are Poisson-disk points, turned from pixel to pixel of the tile;
+    turning keeps their distances from the centre, so with the analytic volume every pixel, and a
+    plane, is off by what the one set lacks: the mean chord of n points is 12, 7 and 4 % off at n =
+    4, 8 and 16 (standard deviation over seeds); seed 0 with 8 points gives planes 0.07. No filter
+    removes that; weighting does, and so does ``disk="stratified"`` (0.01 at 8).
     As published pipes run parallel to the viewing axis. Ours run along the view rays, through the
     disk that the sphere covers as seen from the eye, and count volumes instead of lengths: the
     same in orthographic projection; in perspective a plane is 0 at any tilt. Outside the image

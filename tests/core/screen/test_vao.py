@@ -205,6 +205,22 @@ def test_weighted_normalisation_is_nearer_to_its_reference_than_the_constant_at_
         assert errors["weighted"] < errors["analytic"]
 
 
+def test_the_analytic_volume_is_off_by_the_chords_of_the_sample_set_and_rings_mend_it():
+    camera = Camera.orthographic(16, 16, extent=(4.0, 4.0))
+    plane = DepthBuffer(np.full((16, 16), 5.0), camera, guard_band=4)
+    mean = {}
+    for disk in ("poisson", "stratified"):
+        points = disk_samples(8, 0, stratified=disk == "stratified")
+        chord = 2.0 * np.sqrt(1.0 - (points**2).sum(axis=1)).mean()
+        options = {"normalisation": "analytic", "disk": disk, "denoise": "box"}
+        found = ambient_occlusion(plane, method="vao", radius=1.0, **options).occlusion
+        mean[disk] = float(found.mean())
+        assert np.ptp(found) < 1e-5  # the same in all pixels: a filter can't take it away
+        assert mean[disk] == pytest.approx(max(1.0 - chord / (4.0 / 3.0), 0.0), abs=1e-5)
+    assert mean["poisson"] > 0.06
+    assert mean["stratified"] < 0.01
+
+
 def test_a_relief_occludes_where_the_depth_buffer_is_flat():
     # Furrows of slope 1 on a frontal wall. From their bottom the sides rise to 45 degrees.
     camera = Camera.orthographic(128, 8, extent=(12.8, 0.8))

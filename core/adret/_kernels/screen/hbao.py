@@ -1,12 +1,14 @@
 """Horizon-based ambient occlusion.
 
-LANES neighbours of a row walk together: each loop over them does one thing and vectorises, but for
-the one that fetches depths from all over the image.
+Elevations stand on the plane at right angles to the pixel's view ray. LANES neighbours of a row
+walk together: each loop over them does one thing and vectorises, but for the one that fetches
+depths from all over the image.
 """
 
 import numpy as np
 
 from adret._kernels.jit import index, inline, kernel, parallel_kernel, prange
+from adret._kernels.screen.containment import tangents
 from adret._kernels.screen.falloffs import HARD, NONE, QUADRATIC, weight
 from adret._kernels.screen.noise import uniform
 
@@ -15,17 +17,21 @@ ANGLE = 0  # counters of the noise
 STEP = 1
 LOW = -2.0  # below any sine
 # Rows of the scratch array: what a lane keeps for a pixel,
-Z, X, Y, N_RIGHT, N_UP, N_BACK, WIDE, HIGH, COS, SIN, JITTER, COUNT = (
-    index(LANES * k) for k in range(12)
+Z, X, Y, N_FIRST, N_SECOND, N_RAY, COS, SIN, JITTER, COUNT = (index(LANES * k) for k in range(10))
+# the axes across its view ray and the one to the eye,
+RIGHT_1, UP_1, BACK_1, RIGHT_2, UP_2, BACK_2, RIGHT_3, UP_3, BACK_3 = (
+    index(LANES * k) for k in range(10, 19)
 )
+# the images of the projected radius along the first two [pixels],
+ROW_1, COLUMN_1, ROW_2, COLUMN_2 = (index(LANES * k) for k in range(19, 23))
 # along a direction,
-STEP_ROW, STEP_COLUMN, TANGENT, TOP, GROUND = (index(LANES * k) for k in range(12, 17))
+STEP_ROW, STEP_COLUMN, TANGENT, TOP, GROUND = (index(LANES * k) for k in range(23, 28))
 BANK = index(2 * LANES)  # from one bank of TOP and GROUND to the other
 # and of a sample.
 AT_ROW, AT_COLUMN, THERE, DISTANCE, ELEVATION, ABOVE, WEIGHT, TOTAL, SEEN = (
-    index(LANES * k) for k in range(19, 28)
+    index(LANES * k) for k in range(30, 39)
 )
-SCRATCH = 28 * LANES
+SCRATCH = 39 * LANES
 
 
 @kernel
@@ -57,14 +63,29 @@ def begin_pixels(
         s[Z + i] = z
         s[X + i] = grow * (ax * column + bx)
         s[Y + i] = grow * (ay * row + by)
-        s[N_RIGHT + i] = normal[0, row, column]
-        s[N_UP + i] = normal[1, row, column]
-        s[N_BACK + i] = max(np.float64(normal[2, row, column]), 1e-4)
-        # Half axes of the projected radius [pixels]; the image bounds what can be met.
-        reach = min(radius, diagonal * grow)
-        s[WIDE + i] = reach / (grow * ax)
-        s[HIGH + i] = reach / (grow * -ay)
-        long = max(s[WIDE + i], s[HIGH + i])
+        first, second, third = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+        u, v, stretch = 0.0, 0.0, 1.0
+        if perspective:
+            u, v = ax * column + bx, ay * row + by
+            stretch = np.sqrt(1.0 + u * u + v * v)
+            third = (-u / stretch, -v / stretch, 1.0 / stretch)
+            first, second = tangents(third[0], third[1], third[2])
+        s[RIGHT_1 + i], s[UP_1 + i], s[BACK_1 + i] = first
+        s[RIGHT_2 + i], s[UP_2 + i], s[BACK_2 + i] = second
+        s[RIGHT_3 + i], s[UP_3 + i], s[BACK_3 + i] = third
+        right = np.float64(normal[0, row, column])
+        up = np.float64(normal[1, row, column])
+        back = np.float64(normal[2, row, column])
+        s[N_FIRST + i] = right * first[0] + up * first[1] + back * first[2]
+        s[N_SECOND + i] = right * second[0] + up * second[1] + back * second[2]
+        s[N_RAY + i] = max(right * third[0] + up * third[1] + back * third[2], 1e-4)
+        # The image bounds what can be met.
+        reach = min(radius, diagonal * grow) / grow
+        s[COLUMN_1 + i] = reach * (first[0] + first[2] * u) / ax
+        s[ROW_1 + i] = reach * (first[1] + first[2] * v) / ay
+        s[COLUMN_2 + i] = reach * (second[0] + second[2] * u) / ax
+        s[ROW_2 + i] = reach * (second[1] + second[2] * v) / ay
+        long = reach * stretch / min(ax, -ay)
         s[COUNT + i] = 0.0
         if z == z:
             s[COUNT + i] = np.floor(long / spacing) if spacing > 0.0 else min(steps, np.floor(long))
@@ -81,8 +102,10 @@ def begin_direction(cosine, sine, lanes, s):
     for j in range(lanes):
         i = index(j)
         per_step = 1.0 / (s[COUNT + i] + 1.0)
-        s[STEP_COLUMN + i] = (cosine * s[COS + i] - sine * s[SIN + i]) * s[WIDE + i] * per_step
-        s[STEP_ROW + i] = (sine * s[COS + i] + cosine * s[SIN + i]) * s[HIGH + i] * per_step
+        along = (cosine * s[COS + i] - sine * s[SIN + i]) * per_step
+        aside = -(sine * s[COS + i] + cosine * s[SIN + i]) * per_step  # rows count downwards
+        s[STEP_COLUMN + i] = along * s[COLUMN_1 + i] + aside * s[COLUMN_2 + i]
+        s[STEP_ROW + i] = along * s[ROW_1 + i] + aside * s[ROW_2 + i]
         s[TOP + i] = LOW
         s[GROUND + i] = 0.0
         s[TANGENT + i] = LOW
@@ -124,13 +147,16 @@ def rise(lanes, s, rays, perspective, radius2, per_sample, cos_bias, sin_bias):
         grow = z if perspective else 1.0
         right = grow * (ax * s[AT_COLUMN + i] + bx) - s[X + i]
         up = grow * (ay * s[AT_ROW + i] + by) - s[Y + i]
-        toward = s[Z + i] - z
-        across2 = right * right + up * up
+        back = s[Z + i] - z
+        first = right * s[RIGHT_1 + i] + up * s[UP_1 + i] + back * s[BACK_1 + i]
+        second = right * s[RIGHT_2 + i] + up * s[UP_2 + i] + back * s[BACK_2 + i]
+        toward = right * s[RIGHT_3 + i] + up * s[UP_3 + i] + back * s[BACK_3 + i]
+        across2 = first * first + second * second
         distance2 = across2 + toward * toward
         near = distance2 <= radius2
         distance = np.sqrt(distance2)
-        fall = -(s[N_RIGHT + i] * right + s[N_UP + i] * up)
-        run2 = s[N_BACK + i] * s[N_BACK + i] * across2
+        fall = -(s[N_FIRST + i] * first + s[N_SECOND + i] * second)
+        run2 = s[N_RAY + i] * s[N_RAY + i] * across2
         run = np.sqrt(run2)
         long = np.sqrt(run2 + fall * fall)
         raised = run * cos_bias - fall * sin_bias  # cosine of the tangent raised by the bias

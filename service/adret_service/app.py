@@ -103,7 +103,7 @@ def create_app(settings: Settings, engine: JobEngine | None = None) -> FastAPI:
         health,
     ):
         app.include_router(router.router)
-    app.router.routes[:0] = frequent.ROUTES
+    app.router.routes[:0] = [*frequent.ROUTES, execution.ORDINARY]
     problems.install(app)
     app.add_middleware(BodyLimit, limit=settings.max_body_bytes, exempt="/uploads")
     app.add_middleware(SameOrigin)

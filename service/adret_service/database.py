@@ -138,8 +138,9 @@ def open_database(settings: Settings) -> sa.Engine:
     else:
         engine = sa.create_engine(
             url.set(drivername="postgresql+psycopg"),
-            pool_size=10,
-            max_overflow=30,
+            pool_size=40,  # all are kept: to open one takes longer than an order
+            max_overflow=0,
+            pool_use_lifo=True,  # and few are used where few are asked for
             pool_pre_ping=True,
             connect_args={"client_encoding": "utf8"},
         )

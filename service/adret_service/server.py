@@ -24,6 +24,9 @@ def serve(settings: Settings) -> None:
 
         from adret_service.app import create_app
         from adret_service.http1 import BoundedHttp
+        from adret_service.offers import offered
+
+        offered(echo=settings.enable_echo)  # not while the first order waits
 
         config = uvicorn.Config(
             create_app(settings),

@@ -11,9 +11,15 @@ from typing import Annotated, Any
 import anyio
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Header, Request, Response
+from fastapi.exceptions import RequestValidationError
+from pydantic import ValidationError
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse
+from starlette.routing import Match
+from starlette.types import Scope
 
-from adret_service.context import BaseUrl, Service, ServiceDep, Tenant
+from adret_service.context import Service, Tenant, admitted, base_of, parts, secret_of
 from adret_service.datasets import Dataset
 from adret_service.documents import StatusInfo
 from adret_service.engine.port import JobRecord, KeyReused, OverQuota, Quota, RequestKey
@@ -24,11 +30,12 @@ from adret_service.offers import offered
 from adret_service.orders import Execute, checked_request
 from adret_service.outbound import Outbound
 from adret_service.prefer import preferences
-from adret_service.problems import NO_SUCH_PROCESS, FieldError, Problem, invalid
+from adret_service.problems import NO_SUCH_PROCESS, UNPARSED, FieldError, Problem, invalid
 from adret_service.processes import Process
 from adret_service.references import resolved
 from adret_service.results import results_response
 from adret_service.routes.datasets import require_room
+from adret_service.routes.frequent import Plain
 from adret_service.settings import Settings
 from adret_service.status import artefacts_of, status_info
 from adret_service.tracing import traceparent
@@ -88,9 +95,7 @@ async def execute_process(
     order: Execute,
     request: Request,
     response: Response,
-    service: ServiceDep,
     tenant: Tenant,
-    base: BaseUrl,
     key: Annotated[
         str | None,
         Header(
@@ -114,12 +119,84 @@ async def execute_process(
     unless `Prefer` says otherwise; any other small order is waited for if `Prefer` asks for it.
     Whoever waits in vain gets the job.
     """
+    headers = {k: v for k, v in response.headers.items() if k.startswith("ratelimit")}
+    return await executed(process_id, order, request, tenant, key, prefer or [], headers)
+
+
+async def execute_plainly(request: Request) -> Response:
+    """Order a computation: what `execute_process` answers, without the framework's ceremony.
+
+    Raises
+    ------
+    RequestValidationError
+        For a body that is no order, as FastAPI does.
+    """
+    credential, headers = admitted(
+        request, secret_of(request.headers), request.query_params.get("token")
+    )
+    body = await request.body()
+    try:
+        order = Execute.model_validate(json.loads(body))
+    except json.JSONDecodeError as error:
+        where = {"type": "json_invalid", "loc": ("body", error.pos), "msg": error.msg}
+        raise RequestValidationError([where | {"ctx": {"error": error.msg}}]) from None
+    except ValidationError as error:
+        entries = error.errors(include_url=False)
+        raise RequestValidationError(
+            [{**entry, "loc": ("body", *entry["loc"])} for entry in entries]
+        ) from None
+    except (ValueError, RecursionError):  # bytes that are no text, deep nesting
+        raise HTTPException(400, UNPARSED) from None
+    return await executed(
+        str(request.path_params["process_id"]),
+        order,
+        request,
+        credential.tenant,
+        request.headers.get("idempotency-key"),
+        request.headers.getlist("prefer"),
+        headers,
+    )
+
+
+class Ordinary(Plain):
+    """The route of orders as clients send them; FastAPI's own says what is wrong with others."""
+
+    def matches(self, scope: Scope) -> tuple[Match, Scope]:
+        """Return whether this is the route, and what to add to the scope."""
+        match, child = super().matches(scope)
+        if match is Match.NONE:
+            return match, child
+        headers = Headers(scope=scope)
+        length = headers.get("content-length", "")
+        key = headers.get("idempotency-key", "-")
+        ordinary = (
+            headers.get("content-type") == "application/json"
+            and length.isdigit()
+            and int(length) > 0
+            and 0 < len(key) < 256
+        )
+        return (match, child) if ordinary else (Match.NONE, {})
+
+
+ORDINARY = Ordinary("/processes/{process_id}/execution", execute_plainly, methods=["POST"])
+
+
+async def executed(
+    process_id: str,
+    order: Execute,
+    request: Request,
+    tenant: str,
+    key: str | None,
+    prefer: list[str],
+    headers: dict[str, str],
+) -> Response:
+    """Have an order accepted, wait for its end if that is wanted, and answer."""
+    service, base = parts(request), base_of(request)
     process = known_process(service, process_id)
-    preferred = preferences(prefer or [])
+    preferred = preferences(prefer)
     what = await checked(service, process, order, tenant, base)
     place = partial(placed, service, process, order, tenant, base, request, key, what)
     job, cells = await run_sync(place)
-    headers = {k: v for k, v in response.headers.items() if k.startswith("ratelimit")}
     seconds = patience(process, cells, preferred, service.settings)
     if seconds is not None:
         async with turn(request, service.settings) as granted:

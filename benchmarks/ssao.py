@@ -1,10 +1,11 @@
 """Screen-space ambient occlusion: the error of every method against rays, and its time.
 
-``python benchmarks/ssao.py`` runs the quick form: made scenes at a small size. ``--full`` runs the
-ledger: real depth buffers of $ADRET_DATA or ../shared/data and made ones, references of thousands
-of rays on 10 000 pixels each (minutes apiece; kept in benchmarks/references), growth of time with
-radius and resolution, Embree on the same depth meshes. ``--ledger`` and ``--timing`` do one half,
-or a part: ``--ledger --cases sponza_atrium``, ``--timing radii``; a scene that is done is kept.
+``python benchmarks/ssao.py`` runs the quick form, one or two minutes once kernels are compiled:
+made scenes at a small size. ``--full`` runs the ledger: real depth buffers of $ADRET_DATA or
+../shared/data and made ones, references of thousands of rays on 10 000 pixels each (minutes apiece;
+kept in benchmarks/references), growth of time with radius and resolution, Embree on the same depth
+meshes. ``--ledger`` and ``--timing`` do one half, or a part: ``--ledger --cases sponza_atrium``,
+``--timing radii``; a scene that is done is kept.
 Writes results/ssao.json, a table in results/ssao.md and plots (ssao-quick.* for the quick form).
 
 Times are CPU time of all threads, the least of several repeats, after a warm-up that compiles.
@@ -40,7 +41,7 @@ RESULTS = Path(__file__).resolve().parent / "results"
 TIMES = ("sizes", "radii", "rays")
 MADE = {"made blocks": "perspective", "made relief": "orthographic"}
 RAYS = 8192
-QUICK_RAYS = 4232
+QUICK_RAYS = 2048
 PIXELS = 10_000
 EMBREE_RAYS = (4, 9, 16, 36, 64, 144, 256, 576)
 RADII_PIXELS = (8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, float("inf"))
@@ -48,6 +49,7 @@ SLICES = 32
 """Directions up to which slices are timed against Embree."""
 REPEATED = 2.0
 """Runs shorter than this are timed three times [s]."""
+QUICK_SIZE = (640, 360)
 SIZES = ((1280, 720), (1920, 1080), (2560, 1440), (3840, 2160))
 
 Entry = dict[str, Any]
@@ -333,9 +335,9 @@ def run_quick(path: Path) -> None:
         made_case("orthographic", 480, 270, 48, 2000),
     ]
     times = {
-        "radius_size": SIZES[0],
-        "by_size": times_by_size(SIZES[:1]),
-        "by_radius": times_by_radius(SIZES[0], RADII_PIXELS[::3]),
+        "radius_size": QUICK_SIZE,
+        "by_size": times_by_size((QUICK_SIZE,)),
+        "by_radius": times_by_radius(QUICK_SIZE, RADII_PIXELS[::3]),
     }
     save({"ledger": list(ledger(cases, QUICK_RAYS, quick=True)), "scaling": times}, path)
 

@@ -153,8 +153,9 @@ def set_lines(w, found, start, lean, perspective):
         for m in range(found):
             c0, c1, away = w[C0 + m], w[C1 + m], w[AWAY + m]
             foot = away + lean * (start - away)
-            e1 = w[HIGH + m] / (w[WIDE + m] * away)
-            e0 = (w[OWN + m] / foot + (c0 - w[OFFSET + m]) / w[PER_A + m]) / w[WIDE + m]
+            wide, a = w[WIDE + m], w[PER_A + m]
+            e1 = w[HIGH + m] / (wide * away)
+            e0 = (w[OWN + m] * a + (c0 - w[OFFSET + m]) * foot) / (foot * a * wide)
             beta = (e1 - e0) / (c1 - c0)
             w[OFFSET + m] = beta
             w[PER_A + m] = e1 - beta * c1
@@ -174,14 +175,14 @@ def cut(w, found, per_radius):
     """Ends of the part of each slab that is nearer than the radius, in C0 and END."""
     for m in range(found):
         alpha, beta = w[PER_A + m], w[OFFSET + m]
-        # One over the distance is `size` times the cosine of the angle from the line's normal.
-        size = np.sqrt(alpha * alpha + beta * beta)
-        cosine = per_radius / size
-        sine = np.sqrt(ONE - cosine * cosine) if cosine < ONE else ZERO
-        low_sine = alpha * cosine + beta * sine
-        high_sine = alpha * cosine - beta * sine
-        low = (beta * cosine - alpha * sine) / low_sine
-        high = (beta * cosine + alpha * sine) / high_sine
+        # One over the distance is `size` times the cosine of the angle from the line's normal;
+        # sines and cosines below are `size` times what they are.
+        square = alpha * alpha + beta * beta - per_radius * per_radius
+        sine = np.sqrt(square) if square > ZERO else ZERO
+        low_sine = alpha * per_radius + beta * sine
+        high_sine = alpha * per_radius - beta * sine
+        low = (beta * per_radius - alpha * sine) / low_sine
+        high = (beta * per_radius + alpha * sine) / high_sine
         # Where an end is not among the rays of the slice: none of them, or all on that side.
         below_all = -HUGE if beta < ZERO else HUGE
         above_all = HUGE if beta > ZERO else -HUGE
@@ -192,7 +193,7 @@ def cut(w, found, per_radius):
         c0, c1 = w[C0 + m], w[C1 + m]
         start = low if low > c0 else c0
         end = high if high < c1 else c1
-        open_ = cosine < ONE and end > start
+        open_ = square > ZERO and end > start
         w[C0 + m] = start if open_ else c0
         w[END + m] = end if open_ else c0
 
@@ -256,8 +257,8 @@ def weigh_by_table(w, found, values, scale, base):
 
 @inline
 def obscured(x, y, nu, nv):
-    """What a ray counts by the cosine, for each unit of angle."""
-    return (nv * x + nu * y) * y / (x * x + y * y)
+    """What a ray counts by the cosine, for each unit of angle, times its square (x, y)²."""
+    return (nv * x + nu * y) * y
 
 
 @kernel
@@ -280,7 +281,9 @@ def add_weighted(w, count, start, lean, perspective, weights, thick):
     for m in range(found):
         nu, nv = w[NU + m], w[NV + m]
         first = OUTER * obscured(w[X_FIRST + m], w[Y_FIRST + m], nu, nv)
-        middle = INNER * obscured(w[X_MIDDLE + m], w[Y_MIDDLE + m], nu, nv)
+        # The outer nodes are as long as each other, the middle one is 1 long.
+        square = w[X_FIRST + m] * w[X_FIRST + m] + w[Y_FIRST + m] * w[Y_FIRST + m]
+        middle = INNER * square * obscured(w[X_MIDDLE + m], w[Y_MIDDLE + m], nu, nv)
         last = OUTER * obscured(w[X_LAST + m], w[Y_LAST + m], nu, nv)
         mean = first * w[W_FIRST + m] + middle * w[W_MIDDLE + m] + last * w[W_LAST + m]
         mean /= first + middle + last

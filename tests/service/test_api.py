@@ -508,3 +508,16 @@ def test_jobs_are_listed_by_several_states_and_times(
         assert problem(client.get(f"/jobs?datetime={wrong}"), 400)["errors"][0]["value"] == wrong
     problem(client.get("/jobs?minDuration=-1"), 400)
     problem(client.get("/jobs?type=coverage"), 400)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [b"{", b'{"inputs": 3}', b"\xff", b'{"inputs": {}, "response": "loud"}', b'{"more": 1}'],
+)
+def test_both_routes_of_an_order_refuse_alike(client: AppClient, body: bytes) -> None:
+    plain, described = (
+        client.post("/processes/light/execution", content=body, headers={"Content-Type": media})
+        for media in ("application/json", "application/json; charset=utf-8")
+    )
+    assert plain.status_code == described.status_code == 400
+    assert plain.json()["errors"] == described.json()["errors"]

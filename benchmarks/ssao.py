@@ -1,6 +1,6 @@
 """Screen-space ambient occlusion: the error of every method against rays, and its time.
 
-``python benchmarks/ssao.py`` runs the quick form, one or two minutes once kernels are compiled:
+``python benchmarks/ssao.py`` runs the quick form, a few minutes once kernels are compiled:
 made scenes at a small size. ``--full`` runs the ledger: real depth buffers of $ADRET_DATA or
 ../shared/data and made ones, references of thousands of rays on 10 000 pixels each (minutes apiece;
 kept in benchmarks/references), growth of time with radius and resolution, Embree on the same depth

@@ -153,8 +153,10 @@ def show(entry: Entry) -> None:
     )
 
 
-def ledger(cases: list[Case], rays: int, quick: bool) -> Iterator[Entry]:
-    """All methods on all cases, case by case."""
+def ledger(
+    cases: list[Case], rays: int, quick: bool, only: tuple[str, ...] = ()
+) -> Iterator[Entry]:
+    """All methods, or only those whose names or labels are given, on all cases, case by case."""
     for case in cases:
         references = References(case, rays)
         print(f"{case.name}: {case.part.sum()} pixels, radius {case.radius:g}", flush=True)
@@ -162,6 +164,8 @@ def ledger(cases: list[Case], rays: int, quick: bool) -> Iterator[Entry]:
         entries: list[Entry] = []
         limits: dict[str, Any] = {}
         for run in runs_of(case, quick):
+            if only and not {run.method, run.label} & {*only}:
+                continue
             entries.append(ledger_row(case, run, references, limits))
             show(entries[-1])
         truth = references.get("cosine")
@@ -184,9 +188,19 @@ def ledger(cases: list[Case], rays: int, quick: bool) -> Iterator[Entry]:
             "confidence": float(truth.confidence.mean()),
             "entries": entries,
         }
-        if not case.buffer.sky.any() and not case.buffer.holes.any():
+        if not only and not case.buffer.sky.any() and not case.buffer.holes.any():
             entry["embree"] = embree_rows(case, references, quick)
         yield entry
+
+
+def joined(old: Entry | None, new: Entry, parts: bool) -> Entry:
+    """A case as it was measured now; where only parts were, they take the place of their rows."""
+    about = present.about()
+    if old is None or not parts:
+        return {**new, "about": about}
+    rows = {(row["method"], row["label"]): {**row, "about": about} for row in new["entries"]}
+    entries = [rows.get((row["method"], row["label"]), row) for row in old["entries"]]
+    return {**old, "entries": entries}
 
 
 def case_of(name: str) -> Case | None:
@@ -297,6 +311,9 @@ def main() -> None:
     parser.add_argument("--present", action="store_true", help="write tables and plots anew")
     parser.add_argument("--cases", nargs="*", help="names of depth buffers, for --ledger")
     parser.add_argument(
+        "--only", nargs="*", default=[], help="methods or labels measured anew, for --ledger"
+    )
+    parser.add_argument(
         "--rows", type=int, help="for --ledger: judge so many rows in the frame's middle"
     )
     asked = parser.parse_args()
@@ -312,10 +329,10 @@ def main() -> None:
         wanted = [
             replace(c, rows=asked.rows) for c in cases if not asked.cases or c.name in asked.cases
         ]
-        for each in ledger(wanted, RAYS, quick=False):
+        for each in ledger(wanted, RAYS, quick=False, only=tuple(asked.only)):
             results = kept(path)
             known = {old["name"]: old for old in results.get("ledger", [])}
-            known[each["name"]] = {**each, "about": present.about()}
+            known[each["name"]] = joined(known.get(each["name"]), each, bool(asked.only))
             results["ledger"] = [known[case.name] for case in cases if case.name in known]
             save(results, path)
     for part in TIMES if asked.full else asked.timing or ():

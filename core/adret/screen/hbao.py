@@ -130,8 +130,9 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     >>> import numpy as np
     >>> from adret import Camera, DepthBuffer, ambient_occlusion
     >>> wall = DepthBuffer(np.full((8, 8), 3.0), Camera.perspective(8, 8, fov_y_deg=60.0))
-    >>> ambient_occlusion(wall, method="hbao", radius=1.0).occlusion.max()
-    np.float32(0.0)
+    >>> shown = ambient_occlusion(wall, method="hbao", radius=1.0)
+    >>> bool(shown.occlusion.max() < 1e-6)
+    True
     """
     directions, steps = options.counts
     weights = options.weights()

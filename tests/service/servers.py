@@ -4,6 +4,7 @@ import contextlib
 import os
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 import time
@@ -160,6 +161,25 @@ def wait_for(condition: Callable[[], bool], seconds: float, log: Path | None = N
             raise AssertionError(f"nothing after {seconds} s\n{tail}")
         time.sleep(0.02)
     return time.monotonic() - began
+
+
+def freeze(pid: int, data: Path) -> None:
+    """Stop a process as a debugger would, at a moment when it holds no lock of a SQLite file.
+
+    One that is stopped in the middle of a write keeps everybody from writing until it wakes or is
+    killed: that is SQLite's bargain, and not what the callers look at.
+    """
+    while True:
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            for path in data.glob("*.db"):
+                with contextlib.closing(sqlite3.connect(path, timeout=2.0)) as connection:
+                    connection.execute("BEGIN IMMEDIATE")
+                    connection.rollback()
+            return
+        except sqlite3.OperationalError:
+            os.kill(pid, signal.SIGCONT)
+            time.sleep(0.05)
 
 
 def descendants(pid: int) -> list[int]:

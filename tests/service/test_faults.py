@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from servers import Server, gone, wait_for
+from servers import Server, freeze, gone, wait_for
 
 # Long enough to be killed in the middle, short enough to be waited for.
 LONG = {"directions": 300, "method": "sweep"}
@@ -98,9 +98,11 @@ def test_a_killed_server_finishes_its_jobs_after_a_restart(
 def test_a_dismissal_survives_the_death_of_the_worker(own: Server, example_dem: Path) -> None:
     job = start_long_job(own, example_dem)
     worker = own.children("adret_service.worker")[0]
-    os.kill(worker, signal.SIGSTOP)
-    assert own.http.delete(f"/jobs/{job}").json()["status"] == "dismissed"
-    os.kill(worker, signal.SIGKILL)
+    freeze(worker, own.data)
+    try:
+        assert own.http.delete(f"/jobs/{job}").json()["status"] == "dismissed"
+    finally:
+        os.kill(worker, signal.SIGKILL)
     after = own.submit("shadow", dataset=own.status(job)["inputs"]["dataset"])
     assert own.wait(after)["status"] == "successful"
     assert own.status(job)["status"] == "dismissed"

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -17,9 +18,17 @@ if TYPE_CHECKING:
     from affine import Affine
     from pyproj import CRS
 
-__all__ = ["Frames", "RasterGrid", "TerrainView", "checked_cell_size", "checked_transform"]
+__all__ = [
+    "CELL_FORM",
+    "Frames",
+    "RasterGrid",
+    "TerrainView",
+    "checked_cell_size",
+    "checked_transform",
+]
 
 CELL_LIMITS = (1e-6, 1e7)
+CELL_FORM = "metres: a number or a pair (dx, dy)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +112,13 @@ class TerrainView(NamedTuple):
 
 
 def checked_cell_size(cell_size: Any) -> tuple[float, float]:
-    """A pair of metres as numbers in range."""
+    """A pair of metres as numbers in range; one number stands for a square."""
     try:
-        dx, dy = () if isinstance(cell_size, str | bytes) else tuple(cell_size)
+        if isinstance(cell_size, str | bytes):
+            raise TypeError("text")
+        dx, dy = (cell_size, cell_size) if isinstance(cell_size, Real) else cell_size
     except (TypeError, ValueError):
-        raise InputError("cell_size", "a pair of metres (dx, dy)", cell_size) from None
+        raise InputError("cell_size", CELL_FORM, cell_size) from None
     low, high = CELL_LIMITS
     limit = f"between {low:g} and {high:g} m"
     return real("cell_size", dx, limit, low, high), real("cell_size", dy, limit, low, high)

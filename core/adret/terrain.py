@@ -10,7 +10,7 @@ from adret import _heights, geodesy, rasters
 from adret._values import real, whole
 from adret.errors import InputError
 from adret.geodesy import Band
-from adret.grids import RasterGrid, TerrainView, checked_cell_size, checked_transform
+from adret.grids import CELL_FORM, RasterGrid, TerrainView, checked_cell_size, checked_transform
 
 if TYPE_CHECKING:
     import os
@@ -28,9 +28,9 @@ class Terrain:
     ----------
     heights : array_like, shape (rows, columns), real
         Heights; NaN and masked cells are nodata. The array is copied, never changed.
-    cell_size : (float, float), optional
-        Ground width and height (dx, dy) of a cell [m]. May be left out when `crs` and `transform`
-        say it.
+    cell_size : float or (float, float), optional
+        Ground width and height (dx, dy) of a cell [m]; one number for square cells. May be left
+        out when `crs` and `transform` say it.
     crs : optional
         Coordinate reference system: anything that `pyproj.CRS` takes.
     transform : affine.Affine, optional
@@ -77,7 +77,7 @@ class Terrain:
     def __init__(
         self,
         heights: ArrayLike,
-        cell_size: tuple[float, float] | None = None,
+        cell_size: float | tuple[float, float] | None = None,
         crs: Any = None,
         transform: "Affine | None" = None,
         *,
@@ -89,7 +89,7 @@ class Terrain:
         self._transform = checked_transform(transform)
         if cell_size is None:
             if self._transform is None:
-                raise InputError("cell_size", "a pair of metres (dx, dy)", None)
+                raise InputError("cell_size", CELL_FORM, None)
             cell_size = geodesy.cell_size(self._crs, self._transform, values.shape)
         self._cell_size = checked_cell_size(cell_size)
         factor = geodesy.vertical_factor(vertical_unit)
@@ -110,7 +110,7 @@ class Terrain:
         *,
         datum: float | None = None,
         vertical_unit: str | None = None,
-        cell_size: tuple[float, float] | None = None,
+        cell_size: float | tuple[float, float] | None = None,
     ) -> Self:
         """Read a GeoTIFF, an Arc/Info ASCII grid or a PNG.
 
@@ -127,7 +127,7 @@ class Terrain:
         vertical_unit : str, optional
             Unit of the stored heights; default is the band's unit, then the vertical axis of the
             CRS, then metres.
-        cell_size : (float, float), optional
+        cell_size : float or (float, float), optional
             Ground size of a cell [m], for files that do not say it.
 
         Returns

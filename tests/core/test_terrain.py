@@ -110,6 +110,11 @@ def test_an_undeclared_nodata_value_is_suspected() -> None:
     assert caught.value.value == -3.4028235e38
 
 
+@pytest.mark.parametrize("side", [10, 10.0, np.float32(10.0), np.int16(10)])
+def test_one_number_stands_for_square_cells(side: Any) -> None:
+    assert Terrain(np.zeros((2, 3)), side).cell_size == (10.0, 10.0)
+
+
 @pytest.mark.parametrize(
     ("cell_size", "value"),
     [
@@ -118,7 +123,7 @@ def test_an_undeclared_nodata_value_is_suspected() -> None:
         ((-5.0, 1.0), -5.0),
         ((math.inf, 1.0), math.inf),
         (None, None),
-        (3.0, 3.0),
+        (-3.0, -3.0),
         ("ab", "ab"),
         ((1.0, 2.0, 3.0), (1.0, 2.0, 3.0)),
     ],

@@ -82,8 +82,9 @@ def test_no_number_passes_a_door_for_numbers(field: str) -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: Terrain(FLAT, "10"), "cell_size: must be a pair of metres"),
-        (lambda: Terrain(FLAT, 10.0), "cell_size: must be a pair of metres"),
+        (lambda: Terrain(FLAT, "10"), "cell_size: must be metres: a number or a pair"),
+        (lambda: Terrain(FLAT, -10.0), "cell_size: must be between 1e-06 and .* m, got -10"),
+        (lambda: Terrain(FLAT, True), "cell_size: must be between 1e-06 and .* m, got True"),
         (lambda: Terrain(FLAT, (1.0, 1.0), vertical_unit=5), "vertical_unit: must be one of m, km"),
         (lambda: Terrain(FLAT, (1.0, 1.0), crs=np.array([1, 2])), "crs: must be a coordinate"),
         (lambda: TERRAIN.window((0, 1.5), (0, 2)), "rows: must be a slice or a pair"),

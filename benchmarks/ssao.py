@@ -199,7 +199,10 @@ def joined(old: Entry | None, new: Entry, parts: bool) -> Entry:
     if old is None or not parts:
         return {**new, "about": about}
     rows = {(row["method"], row["label"]): {**row, "about": about} for row in new["entries"]}
-    entries = [rows.get((row["method"], row["label"]), row) for row in old["entries"]]
+    entries = [rows.pop((row["method"], row["label"]), row) for row in old["entries"]]
+    for row in rows.values():  # settings that are new stand below the last of their method
+        same = [k for k, each in enumerate(entries) if each["method"] == row["method"]]
+        entries.insert(same[-1] + 1 if same else len(entries), row)
     return {**old, "entries": entries}
 
 
@@ -242,7 +245,8 @@ def equal_error_times(entries: list[Entry]) -> list[Entry]:
         errors = {e["label"]: e["own"]["all"]["e_A"] for e in entry["entries"] if "own" in e}
         rows = []
         for run in runs_of(case, quick=False):
-            if run.series != "exact" or run.samples > SLICES:
+            chosen = run.series.startswith("exact") and run.label in errors
+            if not chosen or run.samples > SLICES:
                 continue
             warm(case, run)
             spent = timed(case.buffer, run.method, run.options)[1]

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from adret._kernels.screen.exact import slices
 from adret._kernels.screen.shells import shell_slices
+from adret._kernels.screen.slice_gather import gather
+from adret.errors import InputError
 from adret.screen.field import Field
 from adret.screen.occlusion import Estimate, Progress
 from adret.screen.options import option
@@ -43,6 +45,17 @@ class Options(SliceOptions):
         minimum=0.0,
         maximum=10.0,
     )
+    gather: bool = option(
+        False,
+        "Whether results are means over `tile` x `tile` pixels of like surface, which together "
+        "look in that many times `directions`; `tile` is then 2 or more",
+    )
+
+    def __post_init__(self) -> None:
+        """Only pixels that look in unlike directions are worth gathering."""
+        super().__post_init__()
+        if self.gather and self.tile == 1:
+            raise InputError("tile", "2 or more to gather", self.tile)
 
 
 def estimate(field: Field, options: Options, progress: Progress | None) -> Estimate:
@@ -133,5 +146,32 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
         )
     if progress is not None:
         progress(len(edges) - 1, len(edges) - 1)
+    if options.gather:
+        occlusion, confidence, bent = _gathered(field, options.tile, occlusion, confidence, bent)
     skipped = {"small_radius": int(small.sum()), "directions": int(given_up.sum())}
     return Estimate(occlusion, confidence, bent, skipped)
+
+
+def _gathered(
+    field: Field, tile: int, *layers: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Means of occlusion, confidence and bent normals over squares, where the surface is alike."""
+    ax, bx, ay, by = field.rays
+    rows, columns = field.depth.shape
+    x = (ax * np.arange(columns) + bx).astype(np.float32)
+    y = (ay * np.arange(rows) + by).astype(np.float32)
+    occlusion, confidence, bent = (np.empty_like(layer) for layer in layers)
+    gather(
+        field.depth,
+        field.normal,
+        x,
+        y,
+        field.perspective,
+        field.frame,
+        tile,
+        *layers,
+        occlusion,
+        confidence,
+        bent,
+    )
+    return occlusion, confidence, bent

@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 from obstore.exceptions import NotFoundError
 from obstore.store import S3Store
 
+from adret_service.ids import new_id
 from adret_service.settings import Settings
 from adret_service.storage import MANIFEST, Artefact, Storage, checked, digest
 
@@ -81,7 +82,7 @@ class BucketStorage(Storage):
     def local(self, key: str, folder: Path) -> Path:
         """Fetch the artefact into `folder`."""
         target = folder / checked(key)[-1]
-        draft = target.with_suffix(".part")
+        draft = target.with_suffix(f".{new_id()}.part")  # another attempt may fetch it, too
         with draft.open("wb") as file:
             file.writelines(self.read(key))
         draft.replace(target)

@@ -13,6 +13,7 @@ import queue
 import sys
 import threading
 import traceback
+from dataclasses import asdict
 from pathlib import Path
 from typing import IO, Any
 
@@ -117,9 +118,10 @@ def run(order: dict[str, Any], cancelled: threading.Event, answer: Any) -> dict[
     Parameters
     ----------
     order : dict
-        process, inputs, raster (path), info (of the dataset), folder (path).
+        process, inputs, raster (path), info (of the dataset), folder (path); tiles (see
+        `adret_service.tiled_runs.tiled_job`), None for a job that is to be computed whole.
     cancelled : threading.Event
-        Looked at between azimuths.
+        Looked at between azimuths, or between tiles.
     answer : callable
         Sends progress.
     """
@@ -135,8 +137,24 @@ def run(order: dict[str, Any], cancelled: threading.Event, answer: Any) -> dict[
     folder = Path(order["folder"])
     product = products.PRODUCTS[order["process"]]
     parameters = processes.parameters(order["process"], order["inputs"])
-    source = read_dataset(Path(order["raster"]), order["info"])
     progress(0, 1)
+    raster = Path(order["raster"])
+    if order["tiles"] is not None:
+        from adret_service.tiled_runs import compute_tiled, tiled_job
+
+        tiled = tiled_job(order["process"], parameters, raster, order["info"], order["tiles"])
+        if tiled is not None:
+            counts = compute_tiled(
+                tiled,
+                Path(order["tiles"]["folder"]),
+                folder / RESULT,
+                folder / PREVIEW,
+                progress,
+                lambda line: answer(event="progress", note=line),
+            )
+            progress(1, 1)
+            return {"bytes": (folder / RESULT).stat().st_size} | asdict(counts)
+    source = read_dataset(raster, order["info"])
     products.run(
         product,
         source,

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from adret_service.children import TICK, ComputeChild, Message
 from adret_service.compute import PREVIEW, RESULT
 from adret_service.database import persist
-from adret_service.datasets import GEOTIFF, DatasetCatalogue
+from adret_service.datasets import GEOTIFF, Dataset, DatasetCatalogue
 from adret_service.echo import ECHO, EchoFailed, run_echo
 from adret_service.engine.port import JobLedger, JobRecord, JobStatus
 from adret_service.logs import about
@@ -21,6 +21,7 @@ from adret_service.scratch import scratch_bytes
 from adret_service.settings import Settings
 from adret_service.status import prefix_of
 from adret_service.storage import Artefact, Storage
+from adret_service.tile_folders import TileFolders
 from adret_service.tracing import job_span
 
 __all__ = ["JobRunner"]
@@ -70,6 +71,7 @@ class JobRunner:
         self.catalogue = catalogue
         self.storage = storage
         self.scratch = scratch
+        self.tile_folders = TileFolders(settings)
         self.stopping = threading.Event()
         self._children = children
         self._free: queue.Queue[ComputeChild] = queue.Queue()
@@ -119,6 +121,8 @@ class JobRunner:
             self._clear(job)
         elif unwanted or not persist(lambda: self.ledger.succeed(job_id)):
             self._clear(job)
+        else:
+            self.tile_folders.drop(job_id)
 
     def _clear(self, job: JobRecord) -> None:
         """Drop what was made for a job that ended without success, here or elsewhere.
@@ -148,18 +152,24 @@ class JobRunner:
                 continue
             folder = self.scratch / job.id
             folder.mkdir(exist_ok=True)
-            order = {
-                "process": job.process,
-                "inputs": dict(job.inputs),
-                "raster": str(self.storage.local(dataset.key, folder)),
-                "info": dict(dataset.info),
-                "folder": str(folder.absolute()),
-            }
+            tiles = self._tiles(job, dataset)
+            kept = folder if tiles is None else Path(tiles["folder"])
             try:
+                order = {
+                    "process": job.process,
+                    "inputs": dict(job.inputs),
+                    "raster": str(self._raster(dataset, kept)),
+                    "info": dict(dataset.info),
+                    "folder": str(folder.absolute()),
+                    "tiles": tiles,
+                }
                 end = child.run(
                     order, Notes(self, job.id, deadline).take, self.settings.cancel_grace
                 )
                 if end["event"] == "done":
+                    if "tiles" in end["notes"]:
+                        counts = {name: end["notes"][name] for name in ("tiles", "found", "made")}
+                        log.info("job %s: tiles: %s", job.id, counts)
                     self._publish(job, computed(folder))
                     return None
                 room = shutil.disk_usage(folder).free
@@ -173,6 +183,9 @@ class JobRunner:
                 if time.monotonic() > deadline:
                     return failure(500, f"the job ran longer than {self.settings.job_timeout:g} s")
                 raise Unwanted
+            if tiles is not None and not kept.exists():
+                self._note(job.id, "its tiles were dropped to make room; they begin again")
+                continue
             if end["event"] == "refused":
                 return failure(
                     400,
@@ -189,6 +202,23 @@ class JobRunner:
             if crashes >= self.settings.job_max_attempts and not self.stopping.is_set():
                 return failure(500, f"the computing process died {crashes} times")
         return None
+
+    def _tiles(self, job: JobRecord, dataset: Dataset) -> dict[str, Any] | None:
+        """How a job over a large raster is cut; None for one that is computed whole."""
+        cells = int(dataset.info.get("rows", 0)) * int(dataset.info.get("columns", 0))
+        large = 0 < self.settings.tiled_cells < cells
+        if not large or dataset.info.get("kind") == "depth":
+            return None
+        return {
+            "folder": str(self.tile_folders.open(job.id)),
+            "size": self.settings.tile_size,
+            "free": self.settings.min_free_bytes,
+        }
+
+    def _raster(self, dataset: Dataset, folder: Path) -> Path:
+        """The dataset's file on this machine: in the store, or fetched once into the folder."""
+        fetched = folder / dataset.key.rsplit("/", 1)[-1]
+        return fetched if fetched.exists() else self.storage.local(dataset.key, folder)
 
     def _echo(self, job: JobRecord) -> Mapping[str, Any] | None:
         """Give back what was sent, for tests of clients; returns an error or None."""
@@ -217,12 +247,13 @@ class JobRunner:
             prefix, artefacts, {"process": job.process, "inputs": dict(job.inputs)}
         )
 
-    def _note(self, job_id: str, message: str) -> None:
-        log.warning("job %s: %s", job_id, message)
-        persist(lambda: self.ledger.note(job_id, "warning", message))
+    def _note(self, job_id: str, message: str, level: str = "warning") -> None:
+        log.log(logging.getLevelNamesMapping()[level.upper()], "job %s: %s", job_id, message)
+        persist(lambda: self.ledger.note(job_id, level, message))
 
     def _wait_for_room(self, job_id: str) -> None:
         self._note(job_id, "no space left on the disk")
+        self.tile_folders.sweep(self.ledger.look)
         persist(lambda: self.ledger.progress(job_id, 0, "waiting for disk space"))
         self.stopping.wait(5.0)
 
@@ -240,7 +271,9 @@ class Notes:
     def take(self, message: Message | None) -> bool:
         """Note a message; False once the job is to stop."""
         now = time.monotonic()
-        if message is not None and now - self._reported >= REPORT:
+        if message is not None and "note" in message:
+            self.runner._note(self.job_id, str(message["note"]), "info")
+        elif message is not None and now - self._reported >= REPORT:
             percent = 99 * message["done"] // max(message["total"], 1)
             if percent != self._percent:
                 self._percent, self._reported = percent, now

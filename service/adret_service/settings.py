@@ -65,6 +65,8 @@ class Settings(BaseSettings):
     job_max_attempts: int = Field(default=3, ge=1)
     job_max_revivals: int = Field(default=20, ge=1)
     cancel_grace: float = Field(default=0.2, ge=0)
+    tiled_cells: int = Field(default=16_000_000, ge=0)
+    tile_size: int = Field(default=2048, ge=16)
     compute_nice: int = Field(default=10, ge=0, le=19)
     queue_poll: float = Field(default=0.25, gt=0)
     queue_max: int = Field(default=1000, ge=1)

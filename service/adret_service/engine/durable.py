@@ -30,6 +30,7 @@ from adret_service.engine.ledger import SqlLedger
 from adret_service.engine.liveness import FilePresence, Lease, Presence, sweep_scratch
 from adret_service.engine.port import EngineHealth, JobRecord, JobStatus, Quota, RequestKey
 from adret_service.settings import WORKFLOW_VERSION, Settings
+from adret_service.tile_folders import TileFolders
 
 __all__ = ["DurableEngine", "Reaper", "serve_queue"]
 
@@ -220,6 +221,7 @@ class Reaper:
     def __init__(self, engine: DurableEngine, settings: Settings) -> None:
         self.engine = engine
         self.settings = settings
+        self._tile_folders = TileFolders(settings)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._loop, name="reaper", daemon=True)
 
@@ -236,6 +238,7 @@ class Reaper:
         """Revive what is dead; returns how many jobs went back to the queue."""
         revived = 0
         sweep_scratch(self.settings.locks_dir, self.settings.scratch_dir)
+        self._tile_folders.sweep(self.engine.look)
         with self.engine.presence.only_one("reaper") as mine:
             if not mine:
                 return 0

@@ -216,6 +216,9 @@ class JobLedger(Protocol):
     def status(self, job_id: str) -> JobStatus | None:
         """Return the state that the job is in; None once it is removed."""
 
+    def look(self, job_ids: Sequence[str]) -> Mapping[str, JobRecord]:
+        """Return those of these jobs that there are, in one read."""
+
     def progress(self, job_id: str, percent: int, message: str) -> None:
         """Note progress of a running job."""
 

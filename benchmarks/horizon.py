@@ -117,7 +117,7 @@ def other_tools(
     columns: NDArray[np.int64],
     truth: NDArray[np.float32],
 ) -> list[Entry]:
-    """The peers on the same raster and azimuths, one child process each."""
+    """The peers on the same raster, one child process each, the slow ones on fewer azimuths."""
     found = []
     with tempfile.TemporaryDirectory() as folder:
         dem = Path(folder) / "dem.tif"
@@ -137,10 +137,11 @@ def other_tools(
                 found.append({"name": name, "left_out": f"failed: {reason}"})
                 continue
             with np.load(out) as result:
-                work = terrain.heights.size * DIRECTIONS
+                work = terrain.heights.size * len(result["chosen"])
                 entry = {
                     "name": name,
                     "version": str(result["version"]),
+                    "azimuths": len(result["chosen"]),
                     "cpu_ns": float(result["cpu_seconds"]) / work * 1e9,
                 }
                 if "elevation_deg" in result:
@@ -152,7 +153,7 @@ def other_tools(
                             np.minimum(columns, width - 1 - columns) >= RVT_MARGIN
                         )
                     if inner.any():
-                        entry |= errors(layers[:, inner], truth[:, inner])
+                        entry |= errors(layers[:, inner], truth[result["chosen"]][:, inner])
             found.append(entry)
             show(entry)
     return found

@@ -1,9 +1,10 @@
 """Other tools' horizons, each in a process of its own: CPU time, and values where it gives them.
 
 Run by `horizon.py` as ``python peers.py NAME dem.tif out.npz K``.  Writes `cpu_seconds` (user and
-system, of the tool alone), `version` and, where the tool hands out horizons, `elevation_deg`
-(K, rows, columns) at the K azimuths that start at north.  `rvt-py` wants GDAL's Python bindings for
-its file reading only: ``pip install --no-deps rvt-py`` (and scipy) is enough here.
+system, of the tool alone), `version`, `chosen` (which of the K azimuths from north were done: the
+slow tools do every fourth, none of them an axis, for their cost is in proportion) and, where the
+tool hands out horizons, `elevation_deg` (azimuths, rows, columns).  `rvt-py` wants GDAL's Python
+bindings for its file reading only: ``pip install --no-deps rvt-py`` (and scipy) is enough here.
 """
 
 import importlib.metadata
@@ -23,6 +24,8 @@ import rasterio
 
 Result = dict[str, Any]
 
+FEW = slice(1, None, 4)  # of the K azimuths, for tools that take minutes
+
 
 def cpu_seconds(who: int = resource.RUSAGE_SELF) -> float:
     """CPU time [s] of this process, or of its ended children."""
@@ -37,9 +40,10 @@ def whitebox(dem: Path, count: int) -> Result:
     environment = whitebox_workflows.WbEnvironment()
     raster = environment.read_raster(str(dem))
     layers, spent = [], 0.0
+    chosen = np.arange(count)[FEW]
     with tempfile.TemporaryDirectory() as folder:
         out = str(Path(folder) / "horizon.tif")
-        for azimuth in np.arange(count) * 360.0 / count:
+        for azimuth in chosen * 360.0 / count:
             start = cpu_seconds()
             horizon = environment.horizon_angle(raster, azimuth=float(azimuth))
             spent += cpu_seconds() - start
@@ -48,6 +52,7 @@ def whitebox(dem: Path, count: int) -> Result:
                 layers.append(file.read(1))
     return {
         "cpu_seconds": spent,
+        "chosen": chosen,
         "elevation_deg": np.array(layers, dtype=np.float32),
         "version": importlib.metadata.version("whitebox-workflows"),
     }
@@ -77,6 +82,7 @@ def rvt(dem: Path, count: int, radius: int) -> Result:
         layers[round(azimuth * count / 360.0) % count] = 90.0 - found["opns"]
     return {
         "cpu_seconds": spent,
+        "chosen": np.arange(count),
         "elevation_deg": layers,
         "version": importlib.metadata.version("rvt-py"),
     }
@@ -85,6 +91,7 @@ def rvt(dem: Path, count: int, radius: int) -> Result:
 def grass(dem: Path, count: int) -> Result:
     """GRASS `r.horizon`: start azimuth east, counter-clockwise, in degrees."""
     program = shutil.which("grass") or "grass"
+    chosen = np.arange(count)[FEW]
     with tempfile.TemporaryDirectory() as folder:
         project = str(Path(folder) / "project")
 
@@ -105,31 +112,42 @@ def grass(dem: Path, count: int) -> Result:
         start = cpu_seconds(resource.RUSAGE_CHILDREN)
         version = run("g.version").split()[1]
         empty = cpu_seconds(resource.RUSAGE_CHILDREN) - start
-        start = cpu_seconds(resource.RUSAGE_CHILDREN)
-        run("r.horizon", "elevation=dem", f"step={360.0 / count}", "output=h", "-d")
-        spent = cpu_seconds(resource.RUSAGE_CHILDREN) - start - empty
-        names = run("g.list", "type=raster", "pattern=h_*").split()
-        layers = [np.empty(0, np.float32)] * count
-        for name in names:
-            east = float(name.removeprefix("h_").replace("_", "."))
-            out = str(Path(folder) / f"{name}.tif")
+        spent, layers = 0.0, []
+        for azimuth in chosen * 360.0 / count:
+            start = cpu_seconds(resource.RUSAGE_CHILDREN)
+            east = f"direction={(90.0 - azimuth) % 360.0}"
+            run("r.horizon", "elevation=dem", east, "output=h", "-d")
+            spent += cpu_seconds(resource.RUSAGE_CHILDREN) - start - empty
+            name = run("g.list", "type=raster", "pattern=h*").split()[0]
+            out = str(Path(folder) / "h.tif")
             run("r.out.gdal", f"input={name}", f"output={out}", "type=Float32")
             with rasterio.open(out) as file:
-                layers[round((90.0 - east) * count / 360.0) % count] = file.read(1)
-    return {"cpu_seconds": spent, "elevation_deg": np.array(layers), "version": version}
+                layers.append(file.read(1))
+            run("g.remove", "-f", "type=raster", f"name={name}")
+    return {
+        "cpu_seconds": spent,
+        "chosen": chosen,
+        "elevation_deg": np.array(layers),
+        "version": version,
+    }
 
 
 def saga(dem: Path, count: int) -> Result:
     """SAGA's sky view factor: hands out no horizons, so its time alone."""
+    chosen = np.arange(count)[FEW]  # as many: it has no first azimuth to choose
     with tempfile.TemporaryDirectory() as folder:
         command = ["saga_cmd", "--cores=2", "ta_lighting", "3", "-DEM", str(dem)]
         command += ["-VISIBLE", f"{folder}/visible.sdat", "-SVF", f"{folder}/svf.sdat"]
-        command += ["-NDIRS", str(count), "-METHOD", "0", "-RADIUS", "1000000"]
+        command += ["-NDIRS", str(len(chosen)), "-METHOD", "0", "-RADIUS", "1000000"]
         version = subprocess.run(["saga_cmd", "--version"], capture_output=True, text=True).stdout
         start = cpu_seconds(resource.RUSAGE_CHILDREN)
         subprocess.run(command, check=True, capture_output=True)
         spent = cpu_seconds(resource.RUSAGE_CHILDREN) - start
-    return {"cpu_seconds": spent, "version": version.split(":")[-1].strip()}
+    return {
+        "cpu_seconds": spent,
+        "chosen": chosen,
+        "version": version.split(":")[-1].strip(),
+    }
 
 
 PEERS: dict[str, Callable[[Path, int], Result]] = {

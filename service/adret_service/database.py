@@ -21,6 +21,7 @@ __all__ = [
     "persist",
     "tally",
     "usage",
+    "work",
 ]
 
 log = logging.getLogger("adret.service")
@@ -71,6 +72,14 @@ tally = sa.Table(
     sa.Column("jobs", sa.BigInteger, nullable=False),
     sa.Column("waited", sa.Float, nullable=False),
     sa.Column("ran", sa.Float, nullable=False),
+)
+
+work = sa.Table(
+    "adret_work",
+    tables,
+    sa.Column("process", sa.String(64), primary_key=True),
+    sa.Column("cells", sa.BigInteger, nullable=False),
+    sa.Column("revivals", sa.BigInteger, nullable=False),
 )
 
 datasets = sa.Table(

@@ -1,5 +1,6 @@
 """What the service counts, for Prometheus: jobs, queue, workers, callbacks, space."""
 
+import time
 from collections.abc import Iterator
 
 import sqlalchemy as sa
@@ -9,8 +10,9 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
 import adret
-from adret_service.database import callbacks, datasets, jobs, tally
-from adret_service.engine.port import JobEngine
+from adret_service.database import callbacks, datasets, jobs, tally, work
+from adret_service.engine.port import JobEngine, JobStatus
+from adret_service.processes import names
 from adret_service.storage import Storage
 
 __all__ = ["exposition"]
@@ -44,6 +46,7 @@ class Counted(Collector):
             yield from self._others(connection)
 
     def _jobs(self, connection: sa.Connection) -> Iterator[Metric]:
+        yield from self._queue(connection)
         kept = GaugeMetricFamily("adret_jobs", "Jobs that are kept.", labels=LABELS)
         query = sa.select(jobs.c.process, jobs.c.status, sa.func.count())
         for process, status, count in connection.execute(
@@ -63,7 +66,42 @@ class Counted(Collector):
             ended.add_metric(labels, float(row.jobs))
             waited.add_metric(labels, row.waited)
             ran.add_metric(labels, row.ran)
-        yield from (ended, waited, ran)
+        cells = CounterMetricFamily(
+            "adret_job_cells", "Cells of the rasters of successful jobs.", labels=["process"]
+        )
+        lost = CounterMetricFamily(
+            "adret_worker_deaths", "Deaths of workers that had a job, ever.", labels=["process"]
+        )
+        for row in connection.execute(sa.select(work)):
+            cells.add_metric([row.process], float(row.cells))
+            lost.add_metric([row.process], float(row.revivals))
+        yield from (ended, waited, ran, cells, lost)
+
+    def _queue(self, connection: sa.Connection) -> Iterator[Metric]:
+        """Waiting and running jobs of every process that can be ordered, none counted as 0."""
+        oldest = sa.func.min(jobs.c.created)
+        query = sa.select(jobs.c.process, jobs.c.status, sa.func.count(), oldest)
+        unfinished = (JobStatus.ACCEPTED, JobStatus.RUNNING)
+        found = {
+            (process, status): (count, since)
+            for process, status, count, since in connection.execute(
+                query.where(jobs.c.status.in_([str(each) for each in unfinished])).group_by(
+                    jobs.c.process, jobs.c.status
+                )
+            )
+        }
+        processes = sorted({*names(), *(process for process, _ in found)})
+        now = time.time()
+        for name, what, status, place in (
+            ("adret_queue_depth", "Jobs that wait, by process.", "accepted", 0),
+            ("adret_queue_oldest_seconds", "Age of the oldest that waits.", "accepted", 1),
+            ("adret_running", "Jobs that a worker has, by process.", "running", 0),
+        ):
+            metric = GaugeMetricFamily(name, what, labels=["process"])
+            for process in processes:
+                value = found.get((process, status), (0, now))[place]
+                metric.add_metric([process], float(value) if place == 0 else max(now - value, 0.0))
+            yield metric
 
     def _others(self, connection: sa.Connection) -> Iterator[Metric]:
         for name, what, query in (

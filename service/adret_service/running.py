@@ -16,6 +16,7 @@ from adret_service.database import persist
 from adret_service.datasets import GEOTIFF, Dataset, DatasetCatalogue
 from adret_service.echo import ECHO, EchoFailed, run_echo
 from adret_service.engine.port import JobLedger, JobRecord, JobStatus
+from adret_service.estimate import cost
 from adret_service.logs import about
 from adret_service.scratch import scratch_bytes
 from adret_service.settings import Settings
@@ -208,6 +209,9 @@ class JobRunner:
         cells = int(dataset.info.get("rows", 0)) * int(dataset.info.get("columns", 0))
         large = 0 < self.settings.tiled_cells < cells
         if not large or dataset.info.get("kind") == "depth":
+            return None
+        work = cost(job.process, job.inputs, dataset.info).core_seconds
+        if work < self.settings.tiled_seconds:
             return None
         return {
             "folder": str(self.tile_folders.open(job.id)),

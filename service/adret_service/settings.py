@@ -66,6 +66,7 @@ class Settings(BaseSettings):
     job_max_revivals: int = Field(default=20, ge=1)
     cancel_grace: float = Field(default=0.2, ge=0)
     tiled_cells: int = Field(default=16_000_000, ge=0)
+    tiled_seconds: float = Field(default=60.0, ge=0)
     tile_size: int = Field(default=2048, ge=16)
     compute_nice: int = Field(default=10, ge=0, le=19)
     queue_poll: float = Field(default=0.25, gt=0)

@@ -1,7 +1,9 @@
 """Metrics, logs, traces and readiness of a real server."""
 
 import json
+import os
 import shutil
+import signal
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -93,6 +95,8 @@ def test_a_request_and_its_job_are_counted_logged_and_traced(
     assert found["adret_jobs_ended_total", ("echo", "successful")] == 1.0
     assert found["adret_jobs", ("echo", "successful")] == 1.0
     assert found["adret_workers_alive", ()] == 1.0
+    for name in ("adret_queue_depth", "adret_queue_oldest_seconds", "adret_running"):
+        assert found[name, ("sky-view",)] == 0.0
     assert 0.0 < found["adret_job_run_seconds_total", ("echo", "successful")] < 60.0
     route = ("POST", "/processes/{process_id}/execution", "201")
     assert found["adret_http_request_seconds_count", route] == 1.0
@@ -111,6 +115,32 @@ def test_a_request_and_its_job_are_counted_logged_and_traced(
 
     wanted = {"POST /processes/{process_id}/execution", "job echo"}
     wait_for(lambda: wanted <= names(), 20.0, observed.log)
+
+
+def test_cells_queues_and_deaths_of_workers_are_counted_by_process(
+    observed: Server, small_dem: Path
+) -> None:
+    dataset = observed.upload(small_dem).json()["id"]
+    observed.wait(observed.submit("shadow", dataset=dataset), "successful")
+    slow = observed.submit("echo", string="x", pause=30.0)
+    observed.wait(slow, "running")
+    waits = observed.submit("shadow", dataset=dataset)
+    found = metrics(observed.http.get("/metrics").text)
+    assert found["adret_job_cells_total", ("shadow",)] == 40 * 50
+    assert (found["adret_queue_depth", ("shadow",)], found["adret_running", ("echo",)]) == (1, 1)
+    assert 0.0 < found["adret_queue_oldest_seconds", ("shadow",)] < 30.0
+
+    os.kill(observed.children("adret_service.worker")[0], signal.SIGKILL)
+
+    def deaths() -> float:
+        text = observed.http.get("/metrics").text
+        return metrics(text).get(("adret_worker_deaths_total", ("echo",)), 0.0)
+
+    wait_for(lambda: deaths() == 1.0, 30.0, observed.log)
+    observed.http.delete(f"/jobs/{slow}")
+    observed.http.delete(f"/jobs/{slow}")
+    assert deaths() == 1.0  # though the job is removed
+    observed.wait(waits, "successful")
 
 
 def test_readiness_names_what_it_has_checked(observed: Server) -> None:

@@ -31,6 +31,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     server = Server(
         tmp_path_factory.mktemp("tiled") / "data",
         ADRET_TILED_CELLS="100000",
+        ADRET_TILED_SECONDS="0",
         ADRET_TILE_SIZE=str(SIDE),
     )
     try:

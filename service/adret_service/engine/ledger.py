@@ -7,7 +7,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
-from adret_service.database import callbacks, datasets, events, jobs, keys, tally, usage
+from adret_service.database import callbacks, datasets, events, jobs, keys, tally, usage, work
 from adret_service.engine.port import (
     EVERY_JOB,
     FINISHED,
@@ -292,9 +292,13 @@ class SqlLedger:
             job_id, revivals=jobs.c.revivals + 1, message="its worker died; waiting for another"
         ):
             return None
-        query = sa.select(jobs.c.revivals).where(jobs.c.id == job_id)
-        with self.database.connect() as connection:
-            return connection.execute(query).scalar()
+        query = sa.select(jobs.c.revivals, jobs.c.process).where(jobs.c.id == job_id)
+        with self.database.begin() as connection:
+            row = connection.execute(query).first()
+            if row is None:
+                return None
+            self._add_up(connection, work, {"process": row.process}, {"cells": 0, "revivals": 1})
+        return int(row.revivals)
 
     def succeed(self, job_id: str) -> bool:
         """Mark success; False if the job was dismissed meanwhile."""
@@ -351,11 +355,23 @@ class SqlLedger:
             "waited": max(began - job.created, 0.0),
             "ran": max(job.finished - began, 0.0),
         }
-        added = {name: tally.c[name] + value for name, value in row.items()}
+        self._add_up(connection, tally, {"process": job.process, "status": status}, row)
+        cells = int((job.request or {}).get("cells", 0))
+        if cells and status == str(JobStatus.SUCCESSFUL):
+            self._add_up(
+                connection, work, {"process": job.process}, {"cells": cells, "revivals": 0}
+            )
+
+    def _add_up(
+        self, connection: sa.Connection, table: sa.Table, key: dict[str, Any], row: dict[str, Any]
+    ) -> None:
+        """Add to the counts of a key, which may be new."""
+        upsert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+        added = {name: table.c[name] + value for name, value in row.items()}
         connection.execute(
-            upsert(tally)
-            .values(process=job.process, status=status, **row)
-            .on_conflict_do_update(index_elements=["process", "status"], set_=added)
+            upsert(table)
+            .values(**key, **row)
+            .on_conflict_do_update(index_elements=list(key), set_=added)
         )
 
     def _tell(self, connection: sa.Connection, job_id: str, kind: str, **body: Any) -> None:

@@ -245,6 +245,7 @@ def placed(
     }
     if found is not None:
         line = cost(process.id, inputs, found.info).core_seconds / service.settings.threads
+        kept["cells"] = cells
         kept["line"] = round(line, 6)  # seconds by the built-in line: later estimates learn from it
     job = JobRecord(
         id=new_id(),

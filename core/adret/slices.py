@@ -6,7 +6,6 @@ irradiance over n_u, the up component of the receiver's normal.
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -29,12 +28,6 @@ class Receivers:
 
     to_east: Layer
     to_north: Layer
-
-    @cached_property
-    def positions(self) -> Layer:
-        """Scratch rows for the table kernels."""
-        rows, columns = self.to_east.shape
-        return np.empty((-(-rows // kernels.BLOCK), columns), dtype=np.float32)
 
 
 class LightSlice(Protocol):
@@ -124,9 +117,7 @@ class TableSlice:
 
     def add(self, slope: Layer, receivers: Receivers, total: Layer) -> None:
         """Look the moments up, linearly interpolated."""
-        bands = len(total)
-        one_pass = kernels.add_table_3 if bands == 3 else kernels.add_table_1
-        one_pass(
+        kernels.add_tables(
             slope,
             receivers.to_east,
             receivers.to_north,
@@ -134,19 +125,17 @@ class TableSlice:
             np.float32(self.first),
             np.float32(1.0 / self.step),
             self._packed(),
-            receivers.positions,
             total,
         )
 
     def _packed(self) -> Layer:
-        """B, its rise to the next entry, A and its rise, side by side for every band."""
-        columns = [
-            column
-            for a, b in zip(self.horizontal, self.vertical, strict=True)
-            for moment in (b, a)
-            for column in (moment, np.diff(moment, append=moment[-1]))
-        ]
-        return np.ascontiguousarray(np.stack(columns, axis=-1), dtype=np.float32)
+        """B of three bands, 0, A of three bands, 0 for every entry; the last entry twice."""
+        bands, count = self.vertical.shape
+        packed = np.zeros((count + 1, 8), np.float32)
+        packed[:count, :bands] = self.vertical.T
+        packed[:count, 4 : 4 + bands] = self.horizontal.T
+        packed[count] = packed[count - 1]
+        return packed.ravel()
 
 
 @dataclass(frozen=True, eq=False)

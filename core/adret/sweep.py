@@ -81,6 +81,8 @@ class SweepFrame:
         self.orientation = orientation
         self.near = near
         self._heights, self._receivers = heights, receivers or Receivers(0, 0, *heights.shape)
+        # Heights of a mapped file are not read once more to find out.
+        self._holes = stored is not None or bool(np.isnan(np.min(heights, initial=np.inf)))
         rows, columns = self._pad = padding(self.shape, max(near, reach))
         self._mapped = stored is not None  # reading all of it would cost more than it saves
         if stored:
@@ -301,8 +303,9 @@ class SweepFrame:
         flips = (o.flip_rows, o.flip_columns)
         # The inverse of "transpose, then flip" flips the other axis after transposing.
         copy_oriented(part, target[slice(*rows)], o.swap, *(flips[::-1] if o.swap else flips))
-        top, left, _, width = self._receivers
-        mask_nodata(
-            self._heights[top + rows[0] : top + rows[1], left : left + width],
-            target[slice(*rows)],
-        )
+        if self._holes:
+            top, left, _, width = self._receivers
+            mask_nodata(
+                self._heights[top + rows[0] : top + rows[1], left : left + width],
+                target[slice(*rows)],
+            )

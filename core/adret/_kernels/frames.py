@@ -6,6 +6,7 @@ import numpy as np
 
 from adret._kernels.angles import atan_slope
 from adret._kernels.jit import first_rows, helper, index, shared_kernel
+from adret._kernels.vectors import turn_eight
 
 TILE = 32  # a tile of both arrays fits the first-level cache while rows turn into columns
 
@@ -13,15 +14,18 @@ TILE = 32  # a tile of both arrays fits the first-level cache while rows turn in
 @helper
 def _transpose_tile(source, target, i0, i1, j0, j1, flip_i, flip_j):
     n, m = target.shape
+    eights_i = i0 + (i1 - i0) // 8 * 8
+    eights_j = j0 + (j1 - j0) // 8 * 8
+    for i in range(i0, eights_i, 8):
+        column = n - 8 - i if flip_i else i
+        first, step = (i + 7, -1) if flip_i else (i, 1)
+        for j in range(j0, eights_j, 8):
+            row, row_step = (m - 1 - j, -1) if flip_j else (j, 1)
+            turn_eight(source, row, row_step, column, target, first, step, j)
     for i in range(i0, i1):
         column = index(n - 1 - i if flip_i else i)
-        row = target[i]
-        if flip_j:
-            for j in range(j0, j1):
-                row[index(j)] = source[index(m - 1 - j), column]
-        else:
-            for j in range(j0, j1):
-                row[index(j)] = source[index(j), column]
+        for j in range(eights_j if i < eights_i else j0, j1):
+            target[i, j] = source[index(m - 1 - j if flip_j else j), column]
 
 
 def _bands(source: Any, target: Any, *_: Any) -> int:

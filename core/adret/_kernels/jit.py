@@ -25,16 +25,20 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite import ir
 from numba.core import caching, entrypoints, event, types
 from numba.core.runtime import rtsys
 from numba.extending import intrinsic
 
 __all__ = [
+    "array_parts",
     "first_rows",
     "greater",
     "helper",
     "index",
     "inline",
+    "intrinsic",
+    "ir",
     "kernel",
     "parallel_kernel",
     "prange",
@@ -44,6 +48,7 @@ __all__ = [
     "tell_of_compilation",
     "threading_layer",
     "threads",
+    "types",
     "without_extensions",
 ]
 
@@ -284,6 +289,13 @@ def greater(typingctx, a, b):  # type: ignore[no-untyped-def]
         return builder.select(builder.fcmp_ordered(">", first, second), first, second)
 
     return a(a, b), codegen
+
+
+def array_parts(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Pointer to the elements, strides and shape of an array, for intrinsics."""
+    from numba.np.arrayobj import make_array  # slow to import, and needed to compile alone
+
+    return make_array(kind)(context, builder, value)
 
 
 def threading_layer() -> str:

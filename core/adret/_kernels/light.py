@@ -5,16 +5,15 @@ n_h = n_e sin φ + n_n cos φ, A(e) and B(e) are the integrals of L cos² and of
 the zenith, and e = max(h, hp) with hp the cell's own plane. With the plane's slope tp towards φ,
 n_h = -n_u tp: the kernels add B - tp A to `total` and leave the factor n_u to the end.
 
-Table kernels walk each row twice: first the positions in the table, which vectorises, then the
-look-ups, which does not. NaN slopes become position 0; NaN reaches `total` through tp.
+Tables of moments are looked up in three passes over a few cells: positions, look-ups, sums. NaN
+slopes become position 0; NaN reaches `total` through tp.
 """
-
-from typing import Any
 
 import numpy as np
 
 from adret._kernels.angles import HALF_PI, atan_slope
-from adret._kernels.jit import first_rows, inline, shared_kernel
+from adret._kernels.jit import first_rows, index, inline, shared_kernel
+from adret._kernels.vectors import four_lookups
 
 ZERO = np.float32(0.0)
 HALF = np.float32(0.5)
@@ -22,7 +21,7 @@ ONE = np.float32(1.0)
 THIRD = np.float32(1.0 / 3.0)
 PER_PI = np.float32(1.0 / np.pi)
 ONE_ROW = np.uint32(1)
-BLOCK = 16  # rows that share one row of positions
+CHUNK = 512  # cells whose positions, shares and light stay in the nearest cache
 
 
 @shared_kernel(first_rows)
@@ -57,89 +56,43 @@ def table_position(t, first, per_step, last):
     return last if position > last else position
 
 
-def _row_blocks(slope: Any, *_: Any) -> int:
-    return -(-len(slope) // BLOCK)
-
-
-@shared_kernel(_row_blocks)
-def add_table_1(
-    start,
-    stop,
-    slope,
-    to_east,
-    to_north,
-    sin_azimuth,
-    cos_azimuth,
-    first,
-    per_step,
-    table,
-    positions,
-    total,
+@shared_kernel(first_rows)
+def add_tables(
+    start, stop, slope, to_east, to_north, sin_azimuth, cos_azimuth, first, per_step, table, total
 ):
-    """Add a slice of one band from its table of A and B.
+    """Add a slice of one or three bands from its table of A and B.
 
     `first` is the elevation of the table's first entry, `per_step` one over its step [radians].
-    `table` (n + 1, 4) holds B, its rise to the next entry, A, its rise; the last entry rises by 0.
-    `positions` (ceil(rows / 16), columns) is scratch; `total` is (1, rows, columns).
+    `table` (8 (n + 1),) holds for each entry B of three bands, 0, A of three bands, 0; the last
+    entry stands twice. `total` is (bands, rows, columns).
     """
-    rows = slope.shape[0]
-    last = np.float32(len(table) - 1)
-    for block in range(start, stop):
-        position = positions[block]
-        for y in range(block * BLOCK, min((block + 1) * BLOCK, rows)):
-            layer = slope[y]
-            p = to_east[y]
-            q = to_north[y]
-            out = total[0, y]
-            for x in range(len(position)):
+    last = np.float32(table.size // 8 - 2)
+    bands, _, columns = total.shape
+    place = np.zeros(CHUNK, np.uint32)  # zeros: the last four cells may be fewer
+    share = np.zeros(CHUNK, np.float32)
+    lean = np.zeros(CHUNK, np.float32)
+    light = np.empty(3 * CHUNK, np.float32)
+    for y in range(start, stop):
+        for left in range(0, columns, CHUNK):
+            right = min(left + CHUNK, columns)
+            layer = slope[y, left:right]
+            p = to_east[y, left:right]
+            q = to_north[y, left:right]
+            for x in range(len(layer)):
                 tp = p[x] * sin_azimuth + q[x] * cos_azimuth
                 t = tp if layer[x] < tp else layer[x]
-                position[x] = table_position(t, first, per_step, last)
-            for x in range(len(position)):
-                i = np.uint32(np.int32(position[x]))
-                f = position[x] - np.float32(np.int32(i))
-                tp = p[x] * sin_azimuth + q[x] * cos_azimuth
-                out[x] += (table[i, 0] + f * table[i, 1]) - tp * (table[i, 2] + f * table[i, 3])
-
-
-@shared_kernel(_row_blocks)
-def add_table_3(
-    start,
-    stop,
-    slope,
-    to_east,
-    to_north,
-    sin_azimuth,
-    cos_azimuth,
-    first,
-    per_step,
-    table,
-    positions,
-    total,
-):
-    """As `add_table_1` with three bands: `table` (n + 1, 12), `total` (3, rows, columns)."""
-    rows = slope.shape[0]
-    last = np.float32(len(table) - 1)
-    for block in range(start, stop):
-        position = positions[block]
-        for y in range(block * BLOCK, min((block + 1) * BLOCK, rows)):
-            layer = slope[y]
-            p = to_east[y]
-            q = to_north[y]
-            red = total[0, y]
-            green = total[1, y]
-            blue = total[2, y]
-            for x in range(len(position)):
-                tp = p[x] * sin_azimuth + q[x] * cos_azimuth
-                t = tp if layer[x] < tp else layer[x]
-                position[x] = table_position(t, first, per_step, last)
-            for x in range(len(position)):
-                i = np.uint32(np.int32(position[x]))
-                f = position[x] - np.float32(np.int32(i))
-                tp = p[x] * sin_azimuth + q[x] * cos_azimuth
-                red[x] += (table[i, 0] + f * table[i, 1]) - tp * (table[i, 2] + f * table[i, 3])
-                green[x] += (table[i, 4] + f * table[i, 5]) - tp * (table[i, 6] + f * table[i, 7])
-                blue[x] += (table[i, 8] + f * table[i, 9]) - tp * (table[i, 10] + f * table[i, 11])
+                position = table_position(t, first, per_step, last)
+                entry = np.int32(position)
+                place[x] = np.uint32(entry) * np.uint32(8)
+                share[x] = position - np.float32(entry)
+                lean[x] = tp
+            for x in range(0, len(layer), 4):
+                four_lookups(table, place, share, lean, index(x), light, index(CHUNK))
+            for band in range(bands):
+                out = total[band, y, left:right]
+                here = light[band * CHUNK : (band + 1) * CHUNK]
+                for x in range(len(out)):
+                    out[x] += here[x]
 
 
 @shared_kernel(first_rows)

@@ -20,19 +20,20 @@ BLOCK = 64  # receivers that are tested together
 
 
 @inline
-def _through_row(left, right, receiver, slope, weight, steps, limits):
-    """Slopes to row 0, `steps` away: one shift and weight for all receivers of a row."""
+def _through_row(left, right, receiver, out, weight, steps, limits):
+    """Raise `out` by slopes to row 0, `steps` away: one shift and weight for a row's receivers."""
     observer, per_step, drop, _, _ = limits
-    for x in range(len(slope)):
+    for x in range(len(out)):
         height = right[x] * (np.float32(1.0) - weight) + left[x] * weight
-        slope[x] = (height - receiver[x] - observer) * per_step / steps - drop * steps
+        slope = (height - receiver[x] - observer) * per_step / steps - drop * steps
+        out[x] = greater(greater(slope, out[x]), NOTHING)
 
 
 @inline
-def _through_column(edge, receiver, slope, i, first, per_column, limits):
-    """Slopes to column 0, c / t steps away from column c."""
+def _through_column(edge, receiver, out, i, first, per_column, limits):
+    """Raise `out` by slopes to column 0, c / t steps away from column c."""
     observer, per_step, drop, _, _ = limits
-    for x in range(len(slope)):
+    for x in range(len(out)):
         steps = (first + x) * per_column
         at = i - steps
         row = np.int64(at + SNAP)
@@ -45,7 +46,8 @@ def _through_column(edge, receiver, slope, i, first, per_column, limits):
         part = np.float32(part)
         height = height * (np.float32(1.0) - part) + other * part
         way = np.float32(steps)
-        slope[x] = (height - receiver[x] - observer) * per_step / way - drop * way
+        slope = (height - receiver[x] - observer) * per_step / way - drop * way
+        out[x] = greater(greater(slope, out[x]), NOTHING)
 
 
 @inline
@@ -63,12 +65,6 @@ def _can_rise(receiver, best, top, i, first, per_column, limits):
         # A millionth more than the bound: far more than rounding can take from it.
         hopes += bound + abs(bound) * MILLIONTH > best[x]
     return hopes > 0
-
-
-@inline
-def _raise(slope, best):
-    for x in range(len(best)):
-        best[x] = greater(greater(slope[x], best[x]), NOTHING)
 
 
 def _rows(*arguments: Any) -> int:
@@ -92,7 +88,10 @@ def raise_by_edge(
         top = greater(each, top)
     slope = np.empty(columns[1] - columns[0], np.float32)
     for i in range(rows[0] + start, rows[0] + stop):
-        slope[:] = NOTHING
+        out = best[i, columns[0] : columns[1]]
+        if distance is not None:  # which of them rise must be known
+            slope[:] = NOTHING
+            out = slope
         receiver = z[i + pad[0], pad[1] + columns[0] : pad[1] + columns[1]]
         position = t * i
         base = math.floor(position + SNAP)
@@ -109,7 +108,7 @@ def raise_by_edge(
                 z[pad[0], lo - shift : hi - shift],
                 z[pad[0], lo:hi],
                 receiver[ahead:],
-                slope[ahead:],
+                out[ahead:],
                 weight,
                 np.float32(i),
                 limits,
@@ -124,12 +123,12 @@ def raise_by_edge(
                 if skip and not _can_rise(receiver[part], known, top, i, head, 1.0 / t, limits):
                     skipped[i] += end - head
                 else:
-                    _through_column(edge, receiver[part], slope[part], i, head, 1.0 / t, limits)
-        out = best[i, columns[0] : columns[1]]
+                    _through_column(edge, receiver[part], out[part], i, head, 1.0 / t, limits)
         if distance is not None:
-            for x in range(len(out)):
-                if slope[x] > out[x]:
+            known = best[i, columns[0] : columns[1]]
+            for x in range(len(known)):
+                if slope[x] > known[x]:
                     c = columns[0] + x
                     way = np.float32(i) if c >= first else np.float32(c / t)
                     distance[i, c] = way / per_step
-        _raise(slope, out)
+                known[x] = greater(slope[x], known[x])

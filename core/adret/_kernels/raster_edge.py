@@ -30,41 +30,59 @@ def _through_row(left, right, receiver, out, weight, steps, limits):
 
 
 @inline
-def _through_column(edge, receiver, out, i, first, per_column, limits):
-    """Raise `out` by slopes to column 0, c / t steps away from column c."""
+def _columns_exits(first, steps, row, part, end, per_column):
+    """How columns from `first` on leave by column 0: steps, rows up, share of the row below."""
+    for x in range(end - first):
+        way = (first + x) * per_column
+        base = math.floor(SNAP - way)
+        share = -way - base
+        steps[x] = np.float32(way)
+        row[x] = base
+        part[x] = np.float32(share if share >= SNAP else 0.0)
+
+
+@inline
+def _through_column(edge, receiver, out, i, steps, row, part, limits):
+    """Raise `out` by slopes to column 0."""
     observer, per_step, drop, _, _ = limits
     for x in range(len(out)):
-        steps = (first + x) * per_column
-        at = i - steps
-        row = np.int64(at + SNAP)
-        part = at - row
-        height = edge[index(row)]
-        other = edge[index(row + 1)]
+        at = np.int32(i) + row[x]
+        height = edge[index(at)]
+        other = edge[index(at + 1)]
         # On a vertex the other one must not matter, even where it is NaN.
-        part = part if part >= SNAP else 0.0
-        other = other if part > 0.0 else height
-        part = np.float32(part)
-        height = height * (np.float32(1.0) - part) + other * part
-        way = np.float32(steps)
-        slope = (height - receiver[x] - observer) * per_step / way - drop * way
+        other = other if part[x] > ZERO else height
+        height = height * (np.float32(1.0) - part[x]) + other * part[x]
+        slope = (height - receiver[x] - observer) * per_step / steps[x] - drop * steps[x]
         out[x] = greater(greater(slope, out[x]), NOTHING)
 
 
 @inline
-def _can_rise(receiver, best, top, i, first, per_column, limits):
-    """Whether some receiver's slope to a point as high as `top` in column 0 would exceed `best`."""
+def _highest_of_windows(edge, count):
+    """Highest of `size` entries from each one on, and `size`, a power of two up to `count`."""
+    top = np.empty(len(edge), np.float32)
+    for x in range(len(edge)):
+        top[x] = greater(edge[x], NOTHING)
+    size = 1
+    while 2 * size <= count:
+        for x in range(len(edge) - size):
+            top[x] = greater(top[x + size], top[x])
+        size *= 2
+    return top, size
+
+
+@inline
+def _can_rise(receiver, best, top, nearest, farthest, limits):
+    """Whether some receiver's slope to a point as high as `top` would exceed `best`."""
     observer, per_step, drop, _, _ = limits
-    nearest = np.float32(first * per_column)
-    farthest = np.float32((first + len(best) - 1) * per_column)
     near, far = per_step / nearest, per_step / farthest
     lower = drop * nearest
-    hopes = 0
+    hopes = np.uint32(0)
     for x in range(len(best)):
         rise = top - receiver[x] - observer
         bound = rise * (near if rise > ZERO else far) - lower
         # A millionth more than the bound: far more than rounding can take from it.
-        hopes += bound + abs(bound) * MILLIONTH > best[x]
-    return hopes > 0
+        hopes = np.uint32(hopes + np.uint32(bound + abs(bound) * MILLIONTH > best[x]))
+    return hopes > np.uint32(0)
 
 
 def _rows(*arguments: Any) -> int:
@@ -79,13 +97,19 @@ def raise_by_edge(
     """Raise `best` by the crossing at which each cell's ray leaves, beyond the near field.
 
     Parameters are those of `hull_sweep`; `edge` is column 0 without its padding, and one more
-    entry, contiguous. With `skip`, blocks of receivers that even the highest point of
-    column 0 could not raise are left out, and `skipped` (n,) counts their receivers.
+    entry, contiguous. With `skip`, blocks of receivers are left out that even the highest point of
+    the part of column 0 which they look at could not raise; `skipped` (n,) counts their receivers.
     """
     _, per_step, _, _, reach = limits
-    top = NOTHING
-    for each in edge:
-        top = greater(each, top)
+    begin = max(columns[0], math.floor(near * t) + 1)  # columns before it have near fields alone
+    width = max(columns[1] - begin, 0) if t > 0.0 else 0
+    steps = np.empty(width, np.float32)
+    rise = np.empty(width, np.int32)
+    part = np.empty(width, np.float32)
+    top, size = edge, 1
+    if width > 0:
+        _columns_exits(begin, steps, rise, part, columns[1], 1.0 / t)
+        top, size = _highest_of_windows(edge, math.ceil(BLOCK / t) + 2)
     slope = np.empty(columns[1] - columns[0], np.float32)
     for i in range(rows[0] + start, rows[0] + stop):
         out = best[i, columns[0] : columns[1]]
@@ -113,17 +137,27 @@ def raise_by_edge(
                 np.float32(i),
                 limits,
             )
-        if t > 0.0:
-            lo = max(columns[0], math.floor(near * t) + 1)
+        if width > 0:
             hi = min(first, math.floor(min(reach, 1e9) * t) + 1)
-            for head in range(lo, hi, BLOCK):
+            for head in range(begin, hi, BLOCK):
                 end = min(head + BLOCK, hi)
-                part = slice(head - columns[0], end - columns[0])
-                known = best[i, head:end]
-                if skip and not _can_rise(receiver[part], known, top, i, head, 1.0 / t, limits):
-                    skipped[i] += end - head
-                else:
-                    _through_column(edge, receiver[part], out[part], i, head, 1.0 / t, limits)
+                own = slice(head - columns[0], end - columns[0])
+                way = slice(head - begin, end - begin)
+                if skip:
+                    # Rows of column 0 that the block looks at: from its last to its first exit.
+                    upper = i + rise[end - 1 - begin]
+                    lower = i + rise[head - begin] + 1
+                    highest = NOTHING
+                    for row in range(upper, lower + 1, size):
+                        highest = greater(top[index(min(row, max(lower - size + 1, 0)))], highest)
+                    known = best[i, head:end]
+                    at_head, at_end = steps[head - begin], steps[end - 1 - begin]
+                    if not _can_rise(receiver[own], known, highest, at_head, at_end, limits):
+                        skipped[i] += end - head
+                        continue
+                _through_column(
+                    edge, receiver[own], out[own], i, steps[way], rise[way], part[way], limits
+                )
         if distance is not None:
             known = best[i, columns[0] : columns[1]]
             for x in range(len(known)):

@@ -12,6 +12,7 @@ from adret._kernels.screen import lsao as kernels
 from adret._kernels.screen import lsao_gather as gathering
 from adret._kernels.screen.falloffs import QUADRATIC, TABLE, TIMONEN
 from adret._kernels.screen.lsao_strips import STRIP
+from adret.errors import InputError
 from adret.screen.falloffs import Falloff
 from adret.screen.field import Field
 from adret.screen.line_sweeps import (
@@ -63,6 +64,11 @@ class Options(FalloffOptions):
         unit="pixel widths",
         above=0.0,
     )
+    peaks: bool = option(
+        False,
+        "Whether the highest points of the latest blocks of samples, 8 of 4 and 4 of 32, are "
+        "looked at beside the hull: fewer missed occluders, for more time; not for tangent 'mixed'",
+    )
     published: bool = option(
         False,
         "As published: lines in planes along the viewing axis, not through the eye, and hulls that "
@@ -70,8 +76,10 @@ class Options(FalloffOptions):
     )
 
     def __post_init__(self) -> None:
-        """Directions must fit the pattern."""
+        """Directions must fit the pattern; what is weighed anew is the hull's."""
         super().__post_init__()
+        if self.peaks and self.tangent == "mixed":
+            raise InputError("peaks", "false for tangent 'mixed'", self.peaks)
         _directions(self, (1.0, -1.0))
 
 
@@ -115,7 +123,8 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
 
     The hull still misses the largest occluder now and then, most where thin things stand before
     a far background and with falloffs that end abruptly (`tests/core/screen/test_lsao.py` has
-    figures). Where a line has nothing before a receiver, its own tangent plane is the horizon.
+    figures); with `peaks` half as often or less. Where a line has nothing before a receiver, its
+    own tangent plane is the horizon.
 
     With `step` (D_S) or `line_spacing` (D_L) above 1, a pixel takes the nearest sample of each
     direction, unless that is of another surface: then, of the nearest four, the one nearest in
@@ -246,6 +255,7 @@ def _sweep(
         falloff,
         table,
         wanted("empty samples"),
+        options.peaks,
         values,
         skipped,
     )

@@ -251,6 +251,26 @@ def test_a_falloff_that_ends_abruptly_is_what_the_hull_misses_most():
 
 
 @pytest.mark.parametrize(
+    ("options", "weight", "share"),
+    [
+        ({"falloff_scale": 0.5}, lambda d: 0.5 / (0.5 + d * d), 0.5),
+        ({"falloff": "hard", "radius": 1.5}, lambda d: 1.0 * (d < 1.5), 0.5),
+        ({"falloff": lambda d: np.exp(-d), "radius": 3.0}, lambda d: np.exp(-d) * (d < 3.0), 0.5),
+    ],
+    ids=["timonen", "hard", "callable"],
+)
+def test_high_points_beside_the_hull_miss_less(options, weight, share):
+    buffer = rough(True, 61, 67)
+    receivers = np.argwhere(np.isfinite(buffer.depth))[::17]
+    truth = largest_occluders(buffer, receivers, 12, weight)
+    short = truth - occlusion(buffer, directions=12, **options)[*receivers.T]
+    beside = truth - occlusion(buffer, directions=12, peaks=True, **options)[*receivers.T]
+    assert beside.min() > -2e-6
+    assert beside.mean() < share * short.mean()
+    assert (beside < short + 1e-6).all()
+
+
+@pytest.mark.parametrize(
     ("name", "corner", "ours", "published"),
     [
         ("sponza_atrium", (300, 300), 0.0005, 0.003),
@@ -460,6 +480,7 @@ def test_tiny_and_huge_radii():
         ({"tangent_sine": 0.2}, "tangent_sine"),
         ({"edge": 0.0}, "edge"),
         ({"falloff_scale": 0.0}, "falloff_scale"),
+        ({"peaks": True, "tangent": "mixed"}, "peaks"),
     ],
 )
 def test_wrong_options_are_named(options, field):

@@ -31,6 +31,7 @@ from adret._kernels.screen.lsao_hulls import (
     settle,
     weigh_anew,
 )
+from adret._kernels.screen.lsao_peaks import KEPT, begin_blocks, keep, look_at_peaks
 from adret._kernels.screen.lsao_strips import (
     ACROSS,
     ALONG,
@@ -71,6 +72,7 @@ def _sweep_strip(
     falloff,
     table,
     skip,
+    beside,
     values,
     first,
 ):
@@ -95,6 +97,7 @@ def _sweep_strip(
     hull[: BOTTOM * 2 * STRIP] = np.nan
     sizes = np.full(STRIP, FIRST)
     verdicts = np.zeros(VERDICTS, np.int32)
+    peaks = np.full(KEPT if beside else 0, np.nan)
     short = (
         np.float32(falloff[0]),
         np.float32(falloff[1]),
@@ -104,6 +107,8 @@ def _sweep_strip(
     )
     for i in range(len(rows)):
         row, shift, blend = rows[i], shifts[i], blends[i]
+        if beside:
+            begin_blocks(i, peaks)
         near = shift + (blend >= 0.5)
         low, high = in_image(starts, near, depth.shape[1])
         count = high - low
@@ -133,6 +138,9 @@ def _sweep_strip(
             value[:] = np.nan
         push(bits, low, count, verdicts)
         begun = settle(w, low, count, falloff, table, loose, verdicts, hull, sizes, value)
+        if beside:
+            look_at_peaks(w, f, low, count, falloff, short, table, peaks, value)
+            keep(w, low, count, i, peaks)
         if mode == MIXED:
             weigh_anew(w, low, count, falloff, table, value)
         if begun:
@@ -160,6 +168,7 @@ def sweep_lines(
     falloff,
     table,
     skip,
+    beside,
     values,
     skipped,
 ):
@@ -190,6 +199,8 @@ def sweep_lines(
         As for `lsao_hulls.cast` and `cast_by_table`.
     skip : bool
         Whether rows of a strip that show no surface are passed over.
+    beside : bool
+        Whether kept high points are looked at beside the hulls; not for MIXED.
     values : (B, most samples, most lines) float32
         Output; NaN at sky and holes; undefined beyond the image.
     skipped : (B, strips) int64
@@ -218,6 +229,7 @@ def sweep_lines(
                 falloff,
                 table,
                 skip,
+                beside,
                 values[b],
                 first,
             )

@@ -18,7 +18,6 @@ from adret_service.echo import ECHO, EchoFailed, run_echo
 from adret_service.engine.port import JobLedger, JobRecord, JobStatus
 from adret_service.estimate import cost
 from adret_service.logs import about
-from adret_service.scratch import scratch_bytes
 from adret_service.settings import Settings
 from adret_service.status import prefix_of
 from adret_service.storage import Artefact, Storage
@@ -148,7 +147,7 @@ class JobRunner:
         deadline = time.monotonic() + self.settings.job_timeout
         crashes = 0
         while not self.stopping.is_set():
-            if scratch_bytes(self.settings.scratch_dir) > self.settings.scratch_max_bytes:
+            if self.tile_folders.others(job.id) > self.settings.scratch_max_bytes:
                 self._wait_for_room(job.id)
                 continue
             folder = self.scratch / job.id
@@ -216,7 +215,7 @@ class JobRunner:
         return {
             "folder": str(self.tile_folders.open(job.id)),
             "size": self.settings.tile_size,
-            "free": self.settings.min_free_bytes,
+            "room": self.tile_folders.room(job.id),
         }
 
     def _raster(self, dataset: Dataset, folder: Path) -> Path:

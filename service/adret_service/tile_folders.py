@@ -41,6 +41,19 @@ class TileFolders:
         """Forget what was made of a job."""
         shutil.rmtree(self.root / job_id, ignore_errors=True)
 
+    def others(self, job_id: str) -> int:
+        """Bytes of work in progress on this machine but for the job's own tiles."""
+        return scratch_bytes(self.settings.scratch_dir) - scratch_bytes(self.root / job_id)
+
+    def room(self, job_id: str) -> int:
+        """Bytes that the job's tiles may take, those that are there included."""
+        scratch = self.settings.scratch_dir
+        free = shutil.disk_usage(scratch).free + scratch_bytes(self.root / job_id)
+        return min(
+            free - self.settings.min_free_bytes,
+            self.settings.scratch_max_bytes - self.others(job_id),
+        )
+
     def sweep(self, look: Look) -> int:
         """Drop the folders that nobody will need, and if room is short, those nobody may need.
 

@@ -77,7 +77,7 @@ def tiled_job(
     info : dict
         What the service knows of it.
     order : dict
-        folder of the job, size of its tiles [cells], free [bytes] that the disk must keep.
+        folder of the job, size of its tiles [cells], room [bytes] that they may take in all.
     """
     if process not in PICTURES or not isinstance(parameters, BodyParameters):
         return None
@@ -94,8 +94,7 @@ def tiled_job(
         check_tiled(job)
     except InputError:
         return None  # cannot be cut, or is wrong, which the run of the whole says
-    free = shutil.disk_usage(order["folder"]).free - int(order["free"])
-    return job if plan(job, 1, 1).disk_bytes <= free else None
+    return job if plan(job, 1, 1).disk_bytes <= int(order["room"]) else None
 
 
 def compute_tiled(

@@ -175,7 +175,7 @@ def test_two_attempts_in_one_folder_make_one_result(
             "raster": str(raster),
             "info": info,
             "folder": str(tmp_path / name),
-            "tiles": {"folder": str(tmp_path / "tiles"), "size": SIDE, "free": 0},
+            "tiles": {"folder": str(tmp_path / "tiles"), "size": SIDE, "room": 1 << 30},
         }
         ends.append(child.run(order, lambda _: True, 0.1))
 
@@ -225,3 +225,11 @@ def test_tiles_of_ended_jobs_make_room_oldest_first(tmp_path: Path) -> None:
     assert folders.sweep(engine.look) == 3  # the unknown one, the successful one, one for room
     assert left() == {"waits", "is dismissed"}
     assert folders.sweep(engine.look) == 0
+
+
+def test_a_jobs_own_tiles_are_no_reason_to_wait_for_room(tmp_path: Path) -> None:
+    folders = TileFolders(Settings(data_dir=tmp_path, min_free_bytes=0, scratch_max_bytes=2500))
+    (folders.open("mine") / "tile").write_bytes(bytes(3000))
+    assert (folders.others("mine"), folders.others("other")) == (0, 3000)
+    (folders.open("other") / "tile").write_bytes(bytes(600))
+    assert (folders.room("mine"), folders.room("other")) == (1900, -500)

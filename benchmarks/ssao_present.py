@@ -178,7 +178,26 @@ def _speed(scaling: Entry) -> list[str]:
         cells = " | ".join(f"{rows[s]['wall_s']:.3f}" if s in rows else "–" for s in sizes)
         middle = rows.get((1920, 1080)) or next(iter(rows.values()))
         lines.append(f"| {label} | {cells} | {middle['mpix_a_core_second']:.2f} |")
-    return lines
+    return lines + _usual_size(scaling["by_size"])
+
+
+def _usual_size(entries: list[Entry]) -> list[str]:
+    """Wall and processor time at 1920 x 1080."""
+    rows = [e for e in entries if (e["width"], e["height"]) == (1920, 1080) and "wall_s" in e]
+    if not rows:
+        return []
+    return [
+        "",
+        "At 1920 x 1080, no guard band, both threads:",
+        "",
+        "| setting | wall, s | processor, s | Mpix/s a core |",
+        "|---|---:|---:|---:|",
+        *(
+            f"| {e['label']} | {e['wall_s']:.3f} | {e['cpu_s']:.3f} | "
+            f"{e['mpix_a_core_second']:.2f} |"
+            for e in rows
+        ),
+    ]
 
 
 def _radii(scaling: Entry) -> list[str]:

@@ -302,6 +302,7 @@ def speed_runs(case_radius: float, *, slow: bool) -> list[tuple[str, str, dict[s
     return [
         *many,
         ("exact K=8", "exact", {"directions": 8}),
+        ("exact K=8, gathered 4x4", "exact", {"directions": 8, "tile": 4, "gather": True}),
         ("lsao dense K=8", "lsao", {"directions": 8, **far}),
         (
             "lsao sparse K=8",
@@ -311,6 +312,11 @@ def speed_runs(case_radius: float, *, slow: bool) -> list[tuple[str, str, dict[s
         ("ffao K=8x2", "ffao", {"directions": 8}),
         ("ffao K=8x2, far field only", "ffao", {"directions": 8, "near_field": False}),
         ("ffao K=9x2, separation", "ffao", {"directions": 9, "separation": True}),
+        (
+            "ffao K=9x2, separation, far field only",
+            "ffao",
+            {"directions": 9, "separation": True, "near_field": False},
+        ),
         ("hbao 6x6", "hbao", {"directions": 6, "steps": 6, **near}),
         ("hbao 16x16", "hbao", {"directions": 16, "steps": 16, **near}),
         ("vao 8", "vao", {"samples": 8, "radius": case_radius}),

@@ -47,6 +47,11 @@ def horizons(terrain: adret.Terrain) -> bytes:
     return adret.horizon_map(terrain, 16).elevation.tobytes()
 
 
+def exact(terrain: adret.Terrain) -> bytes:
+    part = terrain.window((0, 250), (0, 250))
+    return adret.horizon_map(part, 4, method="exact").elevation.tobytes()
+
+
 def repeated(terrain: adret.Terrain) -> bytes:
     azimuths = np.tile(np.linspace(0.0, 6.0, 6), 3)
     return adret.horizon_map(terrain, azimuths=azimuths).elevation.tobytes()
@@ -67,6 +72,7 @@ RUNS: dict[str, tuple[str, Callable[[], adret.Terrain], Callable[[adret.Terrain]
     "far edge, hills with a high rim": ("far edge", lambda: rough(400.0), horizons),
     "far field, water": ("far field", sea, horizons),
     "far field, hills": ("far field", rough, horizons),
+    "ends of rays, hills": ("ends of rays", rough, exact),
     "same azimuths, each three times": ("same azimuths", rough, repeated),
     "dark azimuths, light through a window": ("dark azimuths", rough, one_window),
     "dark azimuths, sun below every plane": ("dark azimuths", rough, night),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from adret import skips
 from adret._kernels.exact_march import exact_at, exact_layer
 from adret._kernels.line_hull import look_up, sweep_lines
 from adret.errors import InputError
@@ -133,6 +134,7 @@ class Exact:
         self.view = terrain.view
         self.left_out: Counter[str] = Counter()
         self.options = options
+        self._top = _top(terrain)
 
     def fill(
         self, direction: Direction, slope: Layer, distance: Layer | None, rows: tuple[int, int]
@@ -140,6 +142,7 @@ class Exact:
         """Write rows of the layer."""
         start, stop = rows
         way = np.empty_like(slope) if distance is None else distance
+        ended = np.zeros(stop - start, np.int64)
         exact_layer(
             self.view.heights,
             self.view.top + start,
@@ -149,9 +152,20 @@ class Exact:
             self.options.range,
             self.options.bend,
             self.options.observer_height,
+            self._top,
             slope[start:stop],
             way[start:stop],
+            ended,
         )
+        self.left_out["ends of rays"] += int(ended.sum())
+
+
+def _top(terrain: Terrain) -> float:
+    """No height that may occlude is above it [m above the datum]; infinity without that skip."""
+    if terrain.view.frames is not None or not skips.wanted("ends of rays"):
+        return math.inf  # a mapped file is not read as a whole
+    top = float(np.fmax.reduce(terrain.view.heights, axis=None))
+    return top + 1e-15 * abs(top)  # interpolated heights are rounded
 
 
 class Hull:
@@ -229,6 +243,7 @@ def exact_points(
             options.range,
             options.bend,
             options.observer_height,
+            _top(terrain),
             part,
             np.empty_like(part),
         )

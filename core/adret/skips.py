@@ -15,6 +15,7 @@ SKIPS: dict[str, str] = {
     "dark azimuths": "azimuths from which no light comes above any receiver's plane",
     "directions of empty receivers": "far-field directions of receivers that show no surface",
     "empty samples": "samples of swept lines where no line beside shows a surface",
+    "ends of rays": "exact rays whose far end is too far away to rise above their horizon",
     "far edge": "receivers that not even the highest point of the raster's edge could raise",
     "far field": "receivers of azimuths whose far field cannot rise over the near horizon",
     "same azimuths": "azimuths given more than once",

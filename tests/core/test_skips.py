@@ -47,6 +47,17 @@ def bent(terrain: adret.Terrain) -> bytes:
     return found.elevation.tobytes()
 
 
+def exact(terrain: adret.Terrain) -> bytes:
+    found = adret.horizon_map(terrain, 12, method="exact", distance=True)
+    assert found.distance is not None
+    return found.elevation.tobytes() + found.distance.tobytes()
+
+
+def exact_bent(terrain: adret.Terrain) -> bytes:
+    options = {"max_distance": 400.0, "radius": 2e5, "observer_height": 2.0}
+    return adret.horizon_map(terrain, 12, method="exact", **options).elevation.tobytes()
+
+
 def repeated(terrain: adret.Terrain) -> bytes:
     azimuths = [0.3, 2.0, 0.3, 0.4, 2.0, 0.3]
     found = adret.horizon_map(terrain, azimuths=azimuths, near=4, distance=True)
@@ -69,6 +80,9 @@ def dusk(terrain: adret.Terrain) -> bytes:
 @pytest.mark.parametrize(
     ("name", "ground", "run"),
     [
+        ("ends of rays", plateau, exact),
+        ("ends of rays", level, exact),
+        ("ends of rays", plateau, exact_bent),
         ("far edge", plateau, horizons),
         ("far edge", plateau, bent),
         ("far edge", plateau, ranged),

@@ -1,4 +1,4 @@
-"""Balls that hang over a floor, where the solid is thin: slices and far-field scans against rays."""
+"""Thin balls over a floor: slices and far-field scans against rays."""
 
 import numpy as np
 import pytest

@@ -1,11 +1,13 @@
-"""Products fused with the sweep, against the horizon map of the same settings: time and memory.
+"""Products fused with the sweep, against the horizon of the same settings: time and memory.
 
     python benchmarks/products.py
 
-Every product and the horizon map take turns in one process, on one thread; times are processor
-seconds, the least of several turns. The peak of each is measured in a process of its own: what it
-rises by above what was held with the terrain open and the kernels loaded, without its output, a
-thread. Writes results/products.json and results/products.md.
+All take turns in one process, on one thread; times are processor seconds, the least of several
+turns. The yardstick is the horizon towards every azimuth in one layer that is used again, as the
+products have it; a horizon map is K layers of fresh memory besides, which may take as long again on
+a machine that is short of it. Peaks are measured in processes of their own: what each rises by
+above what was held with the terrain open and the kernels loaded, without its output, a thread.
+Writes results/products.json and results/products.md; `--times` keeps the peaks of the former.
 """
 
 import argparse
@@ -24,7 +26,9 @@ import numpy as np
 from present import about
 
 import adret
+from adret._kernels.frames import to_elevation
 from adret.accuracy import near_for
+from adret.horizon import HorizonRun
 from adret.horizon_options import HorizonOptions
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -57,11 +61,22 @@ def light(sky: Any) -> Product:
     return lambda terrain, near: adret.direct_light(terrain, sky, DIRECTIONS, near=near).irradiance
 
 
+def horizons(terrain: adret.Terrain, near: int) -> Any:
+    """Horizons towards every azimuth, in one layer [radians]."""
+    elevation = np.empty(terrain.shape, np.float32)
+    options = HorizonOptions(near=near)
+    for _, slope in HorizonRun(terrain, adret.azimuth_set(DIRECTIONS), options).layers():
+        to_elevation(slope, elevation)
+    return elevation
+
+
 def view(kind: Any) -> Product:
     return lambda terrain, near: adret.sky_view_factor(terrain, kind, DIRECTIONS, near=near)
 
 
+YARDSTICK = "horizon, layer by layer"
 PRODUCTS: dict[str, Product] = {
+    YARDSTICK: horizons,
     "horizon map": lambda terrain, near: (
         adret.horizon_map(terrain, DIRECTIONS, near=near).elevation
     ),
@@ -103,10 +118,10 @@ def peak(scene: str, product: str, near: int) -> float:
     return float(status("VmHWM") - before - output.nbytes / MEBIBYTE)
 
 
-def peaks(scene: str, near: int) -> dict[str, float]:
-    """`peak` of every product, each in its own process."""
-    found = {}
-    for product in PRODUCTS:
+def peaks(scene: str, near: int, known: dict[str, float]) -> dict[str, float]:
+    """`peak` of every product that is not known yet, each in its own process."""
+    found = dict(known)
+    for product in PRODUCTS.keys() - known.keys():
         command = [sys.executable, __file__, "--peak", scene, product, str(near)]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         found[product] = float(done.stdout.split()[-1])
@@ -136,8 +151,8 @@ def table(results: dict[str, Any]) -> str:
         f"{machine['processor']}, one thread, Python {machine['python']}, "
         f"Numba {machine['packages']['numba']}, commit {machine['commit'][:12]}, "
         f"{machine['time'][:10]}. {DIRECTIONS} azimuths, `near` as `max_error={MAX_ERROR_DEG}` "
-        "chooses it. CPU time is the least of several turns; memory is what the peak rises by, "
-        "without the output.",
+        "chooses it. CPU time is the least of several turns, the ratio to that of the horizon kept "
+        "in one layer; memory is what the peak rises by, without the output.",
     ]
     for scene in results["scenes"]:
         rows, columns = scene["shape"]
@@ -145,7 +160,7 @@ def table(results: dict[str, Any]) -> str:
             "",
             f"## {scene['name']}, {columns} x {rows}, near {scene['near']}",
             "",
-            "| product | CPU ns a cell and azimuth | against the horizon map | memory, MiB |",
+            "| product | CPU ns a cell and azimuth | against the horizon | memory, MiB |",
             "|---|---:|---:|---:|",
         ]
         for name, one in scene["products"].items():
@@ -159,12 +174,17 @@ def main() -> None:
     """Measure all and write the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=4)
+    parser.add_argument("--times", action="store_true", help="measure no memory")
     parser.add_argument("--peak", nargs=3, help="scene, product and near: print one peak")
     options = parser.parse_args()
     if options.peak:
         scene, product, near = options.peak
         print(peak(scene, product, int(near)))
         return
+    known: dict[str, dict[str, float]] = {}
+    if options.times:
+        for scene in json.loads((RESULTS / "products.json").read_text())["scenes"]:
+            known[scene["name"]] = {k: one["peak_mib"] for k, one in scene["products"].items()}
     results: dict[str, Any] = {"about": about(), "directions": DIRECTIONS, "scenes": []}
     for name in SCENES:
         if not folder().is_dir():
@@ -173,8 +193,9 @@ def main() -> None:
         terrain = opened(name)
         azimuths = adret.azimuth_set(DIRECTIONS)
         near, expected = near_for(terrain, azimuths, HorizonOptions(), MAX_ERROR_DEG)
-        seconds, rises = times(terrain, near, options.repeats), peaks(name, near)
-        horizon = min(seconds["horizon map"])
+        seconds = times(terrain, near, options.repeats)
+        rises = peaks(name, near, known.get(name, {}))
+        horizon = min(seconds[YARDSTICK])
         products = {
             each: {
                 "cpu_ns": min(took) / (DIRECTIONS * terrain.heights.size) * 1e9,

@@ -86,9 +86,10 @@ def _run(given: list[str]) -> int:
         pretty_exceptions_enable=False,
     )
     app.callback()(_root)
-    for name in COMMANDS:
-        import_module(f"adret.cli.{name}").register(app)
     asked = next((word for word in given if not word.startswith("-")), None)
+    # Typer describes every command that it has before it runs one.
+    for name in (asked,) if asked in COMMANDS else COMMANDS:
+        import_module(f"adret.cli.{name}").register(app)
     try:
         known = _register_others(app, asked)
         code = app(given, standalone_mode=False)

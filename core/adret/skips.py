@@ -18,6 +18,7 @@ SKIPS: dict[str, str] = {
     "ends of rays": "exact rays whose far end is too far away to rise above their horizon",
     "far edge": "receivers that not even the highest point of the raster's edge could raise",
     "far field": "receivers of azimuths whose far field cannot rise over the near horizon",
+    "far fields of small radii": "far-field intervals where a radius is less than a pixel",
     "same azimuths": "azimuths given more than once",
 }
 """Skip -> what is left out."""

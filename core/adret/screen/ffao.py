@@ -18,6 +18,7 @@ from adret.screen.field import Field
 from adret.screen.occlusion import Estimate, Progress
 from adret.screen.options import FalloffOptions, option
 from adret.screen.slabs import weights_of
+from adret.screen.slice_lines import ways_to
 from adret.skips import wanted
 
 __all__ = ["Options", "estimate"]
@@ -31,6 +32,8 @@ PARTS = 8
 """Parts of a row that places are rounded to which lie between rows."""
 SNAP = 1e-9
 EMPTY = "directions of empty receivers"
+SMALL = "far fields of small radii"
+ONE_PIXEL = 1.0
 """Skip: receivers that show no surface are passed over, a whole block of a row at a time."""
 STEEPEST = math.radians(80.0)
 
@@ -155,7 +158,8 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
         progress(len(headings), len(headings))
     occlusion, confidence = work.result()
     idle = int(sum(frame.skipped.sum() for frame in work.frames))
-    return Estimate(occlusion, confidence, None, {EMPTY: idle})
+    unmet = int(sum(frame.unmet.sum() for frame in work.frames))
+    return Estimate(occlusion, confidence, None, {EMPTY: idle, SMALL: unmet})
 
 
 def _headings(count: int, ax: float, ay: float) -> list[tuple[bool, float, tuple[int, ...]]]:
@@ -190,6 +194,8 @@ class _Frame(NamedTuple):
     near_sums: tuple[Layer, Layer]
     sums: tuple[Layer, Layer, Layer]
     skipped: NDArray[np.int64]
+    small: NDArray[np.bool_]
+    unmet: NDArray[np.int64]
 
 
 class _Work:
@@ -240,6 +246,8 @@ class _Work:
                 *at.sums,
                 self.skip,
                 at.skipped,
+                at.small,
+                at.unmet,
             )
 
     def _third(self, number: int, swap: bool) -> int:
@@ -338,8 +346,20 @@ def _frame(field: Field, options: Options, swap: bool) -> _Frame:
     else:
         near_sums = (layers[0], layers[1])
     mipmaps = _mipmaps(view.near if options.points == "mipmaps" else view.near[:1, :1])
-    idle = np.zeros(len(view.near), dtype=np.int64)
-    return _Frame(view, np.array(frame), mipmaps, near_sums, tuple(layers), idle)
+    small = _small(field, options)
+    small = np.ascontiguousarray(small.T) if swap else small
+    idle = np.zeros((2, len(view.near)), dtype=np.int64)
+    sums = (near_sums, tuple(layers))
+    return _Frame(view, np.array(frame), mipmaps, *sums, idle[0], small, idle[1])
+
+
+def _small(field: Field, options: Options) -> NDArray[np.bool_]:
+    """Receivers whose radius is less than a pixel of the image, and ends inside it."""
+    small = np.zeros(field.depth.shape, dtype=np.bool_)
+    if wanted(SMALL) and math.isfinite(options.radius):
+        inner = slice(2, -2)
+        small[inner, inner] = (ways_to(field, options.radius) < ONE_PIXEL)[inner, inner]
+    return small
 
 
 def _mipmaps(near: Layer) -> Mipmaps:

@@ -371,6 +371,26 @@ def test_passing_over_empty_receivers_changes_no_byte(options, monkeypatch):
     assert quick.confidence.tobytes() == slow.confidence.tobytes()
 
 
+@pytest.mark.parametrize("options", [{}, {"separation": True, "directions": 9}])
+def test_where_a_radius_is_less_than_a_pixel_the_far_field_changes_no_byte(options, monkeypatch):
+    depth = hills(40, 320)
+    depth[20:, :] *= 5.0
+    depth[5::9, ::7] *= 0.9
+    buffer = DepthBuffer(depth, Camera.perspective(320, 40, fov_y_deg=20.0), guard_band=3)
+    radius = 1.2 * float(np.median(depth[:20])) * buffer.camera.rays[0]
+    for falloff in ("quadratic", "hard"):
+        monkeypatch.setenv("ADRET_SKIP", "all")
+        quick = ambient_occlusion(buffer, method="ffao", radius=radius, falloff=falloff, **options)
+        monkeypatch.setenv("ADRET_SKIP", "none")
+        slow = ambient_occlusion(buffer, method="ffao", radius=radius, falloff=falloff, **options)
+        name = "far fields of small radii"
+        assert quick.report.skipped[name] > 1000
+        assert slow.report.skipped[name] == 0
+        assert quick.occlusion.max() > 0.01  # the near field is looked at
+        assert quick.occlusion.tobytes() == slow.occlusion.tobytes()
+        assert quick.confidence.tobytes() == slow.confidence.tobytes()
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1)])
 def test_tiny_images_are_open(shape):
     camera = Camera.orthographic(shape[1], shape[0], extent=(1.0, 1.0))

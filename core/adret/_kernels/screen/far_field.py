@@ -197,6 +197,15 @@ def shows_nothing(near, first, step, count):
     return True
 
 
+@kernel
+def all_small(small, first, step, count):
+    """Whether all of `count` receivers, `step` apart, are marked."""
+    found = 0
+    for i in range(count):
+        found += small[first + step * i]
+    return found == count
+
+
 @parallel_kernel
 def obscurance(
     view,
@@ -220,6 +229,8 @@ def obscurance(
     unknown,
     skip,
     skipped,
+    small,
+    unmet,
 ):
     """Add the obscurance of a direction's sectors to the arrays, all (rows, columns) float32.
 
@@ -253,6 +264,11 @@ def obscurance(
         Whether blocks of receivers that show no surface are passed over.
     skipped : (rows,) int64
         Raised by the receivers that were.
+    small : (rows, columns) bool
+        Receivers whose radius is less than a pixel and ends inside the image: blocks of them meet
+        no interval, as none could weigh anything; all false to meet all.
+    unmet : (rows,) int64
+        Raised by the receivers, once a sector, that did not.
     """
     rows, columns = view.near.shape
     row0, row1, column0, column1 = frame
@@ -326,7 +342,9 @@ def obscurance(
                     for i in range(number):
                         thinned[START + i] = thinned[TOP + i]
                         thinned[CLOSED + i] = ZERO
-                if kind == MIPMAPS:
+                if all_small(small[row], start, step, number):
+                    unmet[row] += number
+                elif kind == MIPMAPS:
                     add_mipmaps(
                         block,
                         mipmaps,

@@ -14,7 +14,7 @@ from adret_service.datasets import Dataset, DatasetCatalogue
 from adret_service.engine.port import JobEngine, JobRecord
 from adret_service.ingest import Ingest
 from adret_service.lookup import Lookup
-from adret_service.problems import Problem
+from adret_service.problems import Problem, unknown_key
 from adret_service.queue_length import QueueLength
 from adret_service.rates import Buckets
 from adret_service.resuming import Partials
@@ -102,8 +102,7 @@ def admitted(
     if secret is None and token is not None and service.tokens is not None:
         found = service.tokens.find(token, request.url.path)
     if found is None:
-        headers = {"WWW-Authenticate": 'Bearer realm="adret"'}
-        raise Problem(401, "an API key is needed, and this service must know it", headers=headers)
+        raise unknown_key(secret)
     scope = "read" if request.method in READING else "submit"
     if scope not in found.scopes:
         raise Problem(403, f"this key's scopes: must have {scope}, got {sorted(found.scopes)}")

@@ -22,7 +22,16 @@ from starlette.exceptions import HTTPException
 
 from adret.errors import InputError
 
-__all__ = ["FieldError", "Problem", "install", "invalid", "printable", "too_large"]
+__all__ = [
+    "FieldError",
+    "Problem",
+    "install",
+    "invalid",
+    "missing",
+    "printable",
+    "too_large",
+    "unknown_key",
+]
 
 log = logging.getLogger("adret.service")
 
@@ -96,6 +105,20 @@ class Problem(HTTPException):
 def invalid(*errors: FieldError) -> Problem:
     """Build the 400 for refused values."""
     return Problem(400, "; ".join(map(str, errors)), type_=INVALID_INPUT, errors=errors)
+
+
+def missing(what: str, value: str, type_: str = "about:blank") -> Problem:
+    """Build the 404 for a job, process, dataset or upload that this caller does not have."""
+    error = FieldError(what, f"the id of {'an' if what[0] in 'aeiou' else 'a'} {what}", value)
+    return Problem(404, f"no such {what}: {printable(value)!r}", type_=type_, errors=[error])
+
+
+def unknown_key(secret: str | None) -> Problem:
+    """Build the 401 for a request without a key, or with one that is not known."""
+    detail = "this service does not know that API key"
+    if not secret:
+        detail = "an API key is needed, as Authorization: Bearer ... or X-API-Key: ..."
+    return Problem(401, detail, headers={"WWW-Authenticate": 'Bearer realm="adret"'})
 
 
 def too_large(field: str, limit: str, value: Any) -> Problem:

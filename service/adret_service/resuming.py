@@ -20,7 +20,7 @@ from typing import IO, Any
 import anyio
 
 from adret_service.ids import is_id, new_id
-from adret_service.problems import FieldError, Problem, too_large
+from adret_service.problems import FieldError, Problem, missing, too_large
 from adret_service.storage import UPLOAD
 
 __all__ = ["CHECKSUMS", "Partial", "Partials"]
@@ -94,7 +94,7 @@ class Partials:
                 return Partial(**json.loads(note))
             except FileNotFoundError:
                 pass
-        raise Problem(404, "no such upload, or it was not continued in time")
+        raise missing("upload", partial_id)
 
     def folder(self, partial: Partial) -> Path:
         """Return the folder of an upload."""
@@ -125,7 +125,7 @@ class Partials:
         try:
             file = (self.folder(partial) / UPLOAD).open("r+b")
         except FileNotFoundError:
-            raise Problem(404, "no such upload, or it has ended") from None
+            raise missing("upload", partial.id) from None
         with file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

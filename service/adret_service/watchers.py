@@ -7,7 +7,7 @@ from fastapi.security import HTTPAuthorizationCredentials
 
 from adret_service.auth import METRICS
 from adret_service.context import BEARER, HEADER, Service
-from adret_service.problems import Problem
+from adret_service.problems import Problem, unknown_key
 
 __all__ = ["Watcher"]
 
@@ -24,8 +24,7 @@ def watcher_of(
     secret = header if bearer is None else bearer.credentials
     found = None if secret is None else keys.find(secret)
     if found is None:
-        headers = {"WWW-Authenticate": 'Bearer realm="adret"'}
-        raise Problem(401, "an API key is needed, and this service must know it", headers=headers)
+        raise unknown_key(secret)
     if METRICS not in found.scopes:
         raise Problem(403, f"this key's scopes: must have {METRICS}, got {sorted(found.scopes)}")
     return found.id

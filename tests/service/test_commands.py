@@ -90,13 +90,13 @@ def test_a_refusal_is_one_line_and_a_code(
 ) -> None:
     refused: list[tuple[int, str, list[object]]] = [
         (2, "inputs.directions: must be", ["run", "horizon", dataset, "--directions", 0, "-d"]),
-        (2, "no such process", ["run", "none", dataset, "-d"]),
+        (2, "no such process: 'none'", ["run", "none", dataset, "-d"]),
         (2, "inputs.dataset: must be", ["run", "shadow", "0" * 26, "-d"]),
         (2, "file: must be an existing file", ["run", "shadow", "missing.tif", "-d"]),
         (2, "out: must be given, or --detach", ["run", "shadow", dataset]),
         (2, "out: must be given, or --detach", ["run", "shadow", dataset, "-d", "-o", "x.tif"]),
         (2, "input: must be name=value", ["run", "shadow", dataset, "-d", "-i", "x"]),
-        (2, "no such job", ["watch", "0" * 26]),
+        (2, "no such job: '000000", ["watch", "0" * 26]),
         (2, "no such job", ["fetch", "0" * 26]),
         (2, "id: must be letters", ["cancel", "../x"]),
         (1, "url: must be a service that answers", ["jobs", "--url", "http://127.0.0.1:1"]),

@@ -143,7 +143,10 @@ def test_anothers_ids_are_answered_like_ids_of_nothing(
         empty = call(client, method, path, operation, nothing, keys["bob"])
         assert theirs.status_code == empty.status_code == 404, f"{method} {path}: {theirs.text}"
         if theirs.content:
-            told, other = theirs.json(), empty.json()
+            text = theirs.text
+            for name, id_ in owned.items():
+                text = text.replace(id_, nothing[name])
+            told, other = json.loads(text), empty.json()
             for unlike in ("instance", "request_id"):
                 told.pop(unlike)
                 other.pop(unlike)

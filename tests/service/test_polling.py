@@ -105,8 +105,10 @@ def test_a_status_is_the_same_document_in_the_list_of_jobs(http: AppClient, job:
     assert http.get(f"/jobs/{job}").json() == http.get("/jobs").json()["jobs"][0]
     head = http.request("HEAD", f"/jobs/{job}")
     assert (head.status_code, head.content) == (200, b"")
-    missing = http.get(f"/jobs/{new_id()}")
-    assert (missing.status_code, missing.json()["detail"]) == (404, "no such job")
+    unknown = new_id()
+    missing = http.get(f"/jobs/{unknown}")
+    told = (missing.status_code, missing.json()["detail"])
+    assert told == (404, f"no such job: '{unknown}'")
     wrong = http.request("PUT", f"/jobs/{job}")
     assert wrong.status_code == 405
 

@@ -101,6 +101,21 @@ def test_a_cost_grows_with_cells_passes_and_reach() -> None:
     assert cost("light", {"sky": "uniform", "directions": 64, "sun_deg": [0, 9]}, INFO).passes == 65
 
 
+def test_a_cost_of_ambient_occlusion_goes_by_method_samples_and_frame() -> None:
+    info = {"rows": 800, "columns": 1000, "guard_band": [0, 0, 0, 0], "sky_pixels": 0}
+    named = {method: cost("ssao", {"method": method}, info) for method in ("exact", "hbao", "vao")}
+    assert [each.passes for each in named.values()] == [32, 36, 8]
+    seconds_of = {method: each.core_seconds for method, each in named.items()}
+    assert seconds_of["exact"] > 5.0 * seconds_of["hbao"] > 5.0 * seconds_of["vao"]
+    order = {"method": "exact", "directions": 8}
+    one = cost("ssao", order, info).core_seconds
+    assert cost("ssao", order | {"thickness": 0.5}, info).core_seconds > 10.0 * one
+    assert cost("ssao", order | {"half_res": True}, info).core_seconds < 0.5 * one
+    assert cost("ssao", order, info | {"sky_pixels": 400_000}).core_seconds < 0.8 * one
+    inner = info | {"guard_band": [100, 100, 100, 100]}
+    assert 0.55 < cost("ssao", order, inner).core_seconds / one < 0.65
+
+
 def ran(took: float, line: float) -> JobRecord:
     return JobRecord(
         id="",

@@ -35,7 +35,7 @@ def open_client(url: str | None) -> "Client":
     from adret_service.client.credentials import Credentials, credentials_file
     from adret_service.client.session import Client
 
-    key = os.environ.get("ADRET_API_KEY")
+    key = os.environ.get("ADRET_API_KEY", "").strip() or None
     if url is None or key is None:
         known = Credentials.load(credentials_file())
         url = url or known.url
@@ -127,7 +127,7 @@ def typed_key() -> str:
     """Return the key from the environment, a pipe or the keyboard."""
     from adret_service.client.errors import ClientError
 
-    key = os.environ.get("ADRET_API_KEY")
+    key = os.environ.get("ADRET_API_KEY", "").strip() or None
     if key is None and sys.stdin.isatty():
         key = str(typer.prompt("API key", hide_input=True, err=True))
     elif key is None:

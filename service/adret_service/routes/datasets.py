@@ -11,7 +11,7 @@ from adret_service.documents import DatasetDocument, DatasetList
 from adret_service.ids import is_id
 from adret_service.ingest import ReadOptions
 from adret_service.paging import Before, Limit, page_links
-from adret_service.problems import Problem
+from adret_service.problems import Problem, missing
 from adret_service.receiving import receive
 from adret_service.scratch import scratch_bytes
 from adret_service.storage import UPLOAD
@@ -113,7 +113,7 @@ def found_dataset(service: Service, dataset_id: str, tenant: str) -> Dataset:
     """Return the dataset or answer 404."""
     dataset = service.catalogue.get(dataset_id, tenant) if is_id(dataset_id) else None
     if dataset is None:
-        raise Problem(404, "no such dataset")
+        raise missing("dataset", dataset_id)
     return dataset
 
 

@@ -30,7 +30,7 @@ from adret_service.offers import offered
 from adret_service.orders import Execute, checked_request
 from adret_service.outbound import Outbound
 from adret_service.prefer import preferences
-from adret_service.problems import NO_SUCH_PROCESS, UNPARSED, FieldError, Problem, invalid
+from adret_service.problems import NO_SUCH_PROCESS, UNPARSED, FieldError, Problem, invalid, missing
 from adret_service.processes import Process
 from adret_service.references import resolved
 from adret_service.results import results_response
@@ -304,7 +304,7 @@ def known_process(service: Service, process_id: str) -> Process:
     """Return the process or answer 404."""
     process = offered(echo=service.settings.enable_echo).get(process_id)
     if process is None:
-        raise Problem(404, "no such process", type_=NO_SUCH_PROCESS)
+        raise missing("process", process_id, NO_SUCH_PROCESS)
     return process
 
 

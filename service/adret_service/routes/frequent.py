@@ -18,7 +18,7 @@ from adret_service.artefacts import serve_artefact
 from adret_service.context import Service, admitted, base_of, parts, secret_of
 from adret_service.engine.port import JobRecord
 from adret_service.ids import is_id
-from adret_service.problems import NO_SUCH_JOB, FieldError, Problem
+from adret_service.problems import NO_SUCH_JOB, FieldError, Problem, missing
 from adret_service.results import file_name
 from adret_service.status import artefacts_of, status_info
 
@@ -100,7 +100,7 @@ async def known_job(service: Service, job_id: str, tenant: str) -> JobRecord:
     """Return the job or answer 404."""
     job = await service.jobs.get(job_id) if is_id(job_id) else None
     if job is None or job.tenant != tenant:
-        raise Problem(404, "no such job", type_=NO_SUCH_JOB)
+        raise missing("job", job_id, NO_SUCH_JOB)
     return job
 
 

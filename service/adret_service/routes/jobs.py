@@ -13,7 +13,7 @@ from adret_service.engine.port import JobRecord, JobStatus
 from adret_service.ids import is_id
 from adret_service.listing import Shown
 from adret_service.paging import Before, Limit, page_links
-from adret_service.problems import NO_SUCH_JOB, FieldError, Problem
+from adret_service.problems import NO_SUCH_JOB, FieldError, Problem, missing
 from adret_service.routes.frequent import answer_status
 from adret_service.status import prefix_of, status_info
 
@@ -103,5 +103,5 @@ def found_job(service: Service, job_id: str, tenant: str) -> JobRecord:
     """Return the job or answer 404."""
     job = service.engine.get(job_id, tenant) if is_id(job_id) else None
     if job is None:
-        raise Problem(404, "no such job", type_=NO_SUCH_JOB)
+        raise missing("job", job_id, NO_SUCH_JOB)
     return job

@@ -16,7 +16,7 @@ from adret_service.context import BaseUrl, ServiceDep, Tenant
 from adret_service.documents import PointValues, TileGrid
 from adret_service.ids import is_id
 from adret_service.maps import PAGE, SECURITY
-from adret_service.problems import FieldError, Problem, invalid
+from adret_service.problems import FieldError, Problem, invalid, missing
 from adret_service.routes.frequent import known_job
 from adret_service.status import artefacts_of
 from adret_service.viewers import View
@@ -68,7 +68,7 @@ async def raster_of_dataset(dataset_id: str, service: ServiceDep, tenant: Tenant
     """Return a dataset's raster or answer 404."""
     found = await service.datasets.get(dataset_id) if is_id(dataset_id) else None
     if found is None or found.tenant != tenant:
-        raise Problem(404, "no such dataset")
+        raise missing("dataset", dataset_id)
     return Raster(found.key, f"/datasets/{dataset_id}")
 
 

@@ -134,7 +134,7 @@ def grass(dem: Path, count: int) -> Result:
 
 def saga(dem: Path, count: int) -> Result:
     """SAGA's sky view factor: hands out no horizons, so its time alone."""
-    chosen = np.arange(count)[FEW]  # as many: it has no first azimuth to choose
+    chosen = np.arange(count)[FEW][::2]  # half as many: it is the slowest, and from north always
     with tempfile.TemporaryDirectory() as folder:
         command = ["saga_cmd", "--cores=2", "ta_lighting", "3", "-DEM", str(dem)]
         command += ["-VISIBLE", f"{folder}/visible.sdat", "-SVF", f"{folder}/svf.sdat"]

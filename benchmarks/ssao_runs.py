@@ -60,7 +60,7 @@ def _exact(case: Case, quick: bool) -> Iterator[Run]:
     claim = "cosine, G_inf, W = 1"
     for k in (8, 32) if quick else (4, 8, 16, 32, 128):
         yield Run("exact", f"K={k}", {"directions": k}, claim, COSINE, series="exact", samples=k)
-    for k, tile in ((8, 4),) if quick else ((8, 4), (16, 2), (32, 2), (32, 3)):
+    for k, tile in ((8, 4),) if quick else ((4, 4), (8, 4), (16, 2), (32, 2), (32, 3)):
         yield Run(
             "exact",
             f"K={k}, gathered {tile}x{tile}",

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from common import TICK, cpu_seconds, quantile, record, serving
-from servers import Server, descendants, wait_for, write_dem
+from servers import Server, command_line, descendants, wait_for, write_dem
 
 QUIET = 0.4  # seconds of almost no CPU time after which the work has ended
 BEGUN = 600.0  # seconds until a job must have begun, on however busy a machine
@@ -26,6 +26,12 @@ IDLE = 0.1  # share of a core that waiting processes may use
 
 def computing(server: Server) -> list[int]:
     return server.children("adret_service.compute")
+
+
+def name_of(pid: int) -> str:
+    """What a process of the server runs: the module, or the command."""
+    words = command_line(pid).decode().split("\0")
+    return next((word for word in words if word.startswith("adret_service.")), "the API")
 
 
 def stop_time(server: Server, job: str) -> float:
@@ -61,7 +67,7 @@ def main() -> None:
 def measure(repeat: int, side: int, seconds: float = 3600.0) -> dict[str, Any]:
     """Dismiss so many jobs on a raster of side² cells."""
     random_, end = random.Random(1), time.monotonic() + seconds
-    times, left = [], 0
+    times, left, busy = [], 0, []
     with tempfile.TemporaryDirectory() as folder, serving() as server:
         heights = np.random.default_rng(1).normal(500.0, 50.0, (side, side)).astype(np.float32)
         dem = write_dem(Path(folder) / "large.tif", heights)
@@ -80,9 +86,11 @@ def measure(repeat: int, side: int, seconds: float = 3600.0) -> dict[str, Any]:
             time.sleep(0.3)
             left += len(computing(server)) > 1
             everyone = [server.process.pid, *descendants(server.process.pid)]
-            idle = cpu_seconds(everyone)
+            idle = {pid: cpu_seconds([pid]) for pid in everyone}
             time.sleep(0.5)
-            left += cpu_seconds(everyone) - idle > 0.5 * IDLE + 1.0 / TICK
+            used = {pid: cpu_seconds([pid]) - before for pid, before in idle.items()}
+            if sum(used.values()) > 0.5 * IDLE + 1.0 / TICK:
+                busy.append({name_of(pid): round(x, 2) for pid, x in used.items() if x > 0.0})
             now = sum(len(list(Path("/proc").glob(f"{pid}/task/*"))) for pid in everyone)
             threads = threads or now
         return {
@@ -93,7 +101,8 @@ def measure(repeat: int, side: int, seconds: float = 3600.0) -> dict[str, Any]:
                 "p99": round(quantile(times, 0.99), 3),
                 "max": round(max(times), 3),
             },
-            "processes_left_or_busy": left,
+            "processes_left": left,
+            "busy_afterwards": busy,
             "threads_after_first_and_last": [threads, now],
         }
 

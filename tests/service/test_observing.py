@@ -122,7 +122,9 @@ def test_cells_queues_and_deaths_of_workers_are_counted_by_process(
 ) -> None:
     dataset = observed.upload(small_dem).json()["id"]
     observed.wait(observed.submit("shadow", dataset=dataset), "successful")
-    slow = observed.submit("echo", string="x", pause=30.0)
+    order = {"inputs": {"string": "x", "pause": 30.0}}
+    now = {"Prefer": "respond-async"}
+    slow = observed.http.post("/processes/echo/execution", json=order, headers=now).json()["jobID"]
     observed.wait(slow, "running")
     waits = observed.submit("shadow", dataset=dataset)
     found = metrics(observed.http.get("/metrics").text)

@@ -191,6 +191,7 @@ def test_wrong_input_ends_with_one_line_and_no_file(run: Run, dem: Path, tmp_pat
         (["sky", dem, out, "--preview", dem, "--overwrite"], "preview: must be another file than"),
         (["sky", dem, out, "--preview", "no/x.png"], "preview: must be in a folder that exists"),
         (["sky", dem], "OUT: must be given, got nothing"),
+        (["ssao", dem, "ao.tif"], "camera: must be given, got nothing"),
         (["sky", dem, out, "--colour", "red"], "option: must be one of those in --help, got"),
         (["sky", dem, out, "--kind", "blue"], "kind: must be one of visible, horizontal, normal"),
         (["viewshed", dem, out], "observer: must be given at least once, as a cell or as a place"),

@@ -133,7 +133,8 @@ def _usage(error: Any) -> int:
         print(error.format_message())
         return 2
     if kind == "MissingParameter" and error.param is not None:
-        name = error.param.metavar or error.param.name
+        argument = error.param.param_type_name == "argument"
+        name = (argument and error.param.metavar) or error.param.name  # an option by its name
         return _say(f"{name}: must be given, got nothing", 2)
     if kind == "NoSuchOption":
         return _say(f"option: must be one of those in --help, got {error.option_name!r}", 2)

@@ -1,9 +1,11 @@
 """Batches: the same files as the products' own commands, whatever was cut, killed or resumed."""
 
+import contextlib
 import hashlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -270,7 +272,7 @@ def test_tiles_of_a_dask_cluster_are_the_same_bytes(small: Path, tmp_path: Path)
     out = tmp_path / "out"
     prepare(job, out)
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0"
     ) as cluster:
         executor = DaskExecutor(1, 1, cluster.scheduler_address)
         try:
@@ -278,6 +280,17 @@ def test_tiles_of_a_dask_cluster_are_the_same_bytes(small: Path, tmp_path: Path)
         finally:
             executor.close()
     assert digest(out / "sky-view.tif") == whole_files(job, small, tmp_path)["sky-view"]
+
+
+def test_a_dask_cluster_of_our_own_wants_no_port_that_may_be_taken() -> None:
+    pytest.importorskip("distributed", reason="the extra adret[dask] is not here")
+    from adret.tiling.dask_executor import DaskExecutor
+
+    with socket.socket() as taken:
+        with contextlib.suppress(OSError):  # somebody else has it: as good
+            taken.bind(("127.0.0.1", 8787))
+            taken.listen()
+        DaskExecutor(1, 1).close()  # a warning about the port would be an error here
 
 
 def test_an_executor_that_is_not_there_is_named(small: Path, tmp_path: Path) -> None:

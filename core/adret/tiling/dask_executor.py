@@ -42,7 +42,7 @@ class DaskExecutor:
             self._cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",  # None stands for port 8787 of every interface
                 memory_limit=0,  # the plan holds tiles to their memory
             )
         try:

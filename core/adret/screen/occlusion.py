@@ -245,19 +245,26 @@ def ambient_occlusion(
     row0, row1, column0, column1 = buffer.frame
     frame = (slice(row0, row1), slice(column0, column1))
     sky, holes = buffer.sky[frame], buffer.holes[frame]
+    empty = sky | holes
+    without = int(np.count_nonzero(empty))
     occlusion = strengthened(estimate.occlusion, power, intensity)
-    occlusion[sky] = 0.0
-    occlusion[holes] = np.nan
     confidence = np.array(estimate.confidence, dtype=np.float32)
-    confidence[sky | holes] = 0.0
     bent = estimate.bent_normal
-    if bent is not None:
-        bent = np.where(sky | holes, np.float32(np.nan), bent)
+    if without:
+        occlusion[sky] = 0.0
+        occlusion[holes] = np.nan
+        confidence[empty] = 0.0
+        if bent is not None:
+            bent = np.where(empty, np.float32(np.nan), bent)
     report = ScreenReport(
         method=method,
         options={each.name: getattr(chosen, each.name) for each in fields_of(chosen)},
-        receivers=int((~sky & ~holes).sum()),
-        skipped={**estimate.skipped, "sky": int(sky.sum()), "holes": int(holes.sum())},
+        receivers=empty.size - without,
+        skipped={
+            **estimate.skipped,
+            "sky": int(np.count_nonzero(sky)),
+            "holes": int(np.count_nonzero(holes)),
+        },
         measured=dict(estimate.measured),
         normals=buffer.normal_counts,
         seconds=time.perf_counter() - start,
@@ -283,10 +290,11 @@ def strengthened(
     occlusion: NDArray[np.float32], power: float, intensity: float
 ) -> NDArray[np.float32]:
     """1 - (1 - min(1, intensity A))^power, a new array, clipped to 0..1; keeps NaN."""
-    result: NDArray[np.float32] = np.clip(np.float32(intensity) * occlusion, 0.0, 1.0)
+    result: NDArray[np.float32] = np.multiply(occlusion, np.float32(intensity), dtype=np.float32)
+    np.clip(result, 0.0, 1.0, out=result)
     if power != 1.0:
-        result = 1.0 - (1.0 - result) ** np.float32(power)
-    return np.array(result, dtype=np.float32)
+        result = np.asarray(1.0 - (1.0 - result) ** np.float32(power), dtype=np.float32)
+    return result
 
 
 def _finished(

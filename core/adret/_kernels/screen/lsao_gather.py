@@ -2,12 +2,15 @@
 
 import numpy as np
 
-from adret._kernels.jit import kernel, parallel_kernel, prange
+from adret._kernels.jit import index, kernel, parallel_kernel, prange
 from adret._kernels.screen.falloffs import TABLE, weight
+from adret._kernels.vectors import turn_eight
 
 FAR = np.float32(1e18)  # its square is a float32, too
 BAND = 8  # rows a task: neighbouring rows have the same nearest samples
-TILE = 32
+TURNED = 16  # rows a task of what is transposed back: a line of the cache
+ONE = np.float32(1.0)
+NONE = np.float32(0.0)
 
 
 @kernel
@@ -15,11 +18,11 @@ def _look_up(depth, value, starts, shift, near, found, at_depth):
     """The nearest line's obscurance and depth for each pixel of a row."""
     last = len(depth) - 1
     for x in range(len(found)):
-        line = near[x]
+        line = index(near[x])
         column = starts[line] + shift
         inside = min(max(column, 0), last)
         found[x] = value[line] if inside == column else np.float32(np.nan)
-        at_depth[x] = depth[inside]
+        at_depth[x] = depth[index(inside)]
 
 
 @kernel
@@ -80,49 +83,44 @@ def _steps_to_edge(n, m, row, column, down, slant):
 
 
 @kernel
-def _weigh_edge(z, steps, per_step, perspective, falloff, table, at_edge):
+def _weigh_by_table(z, places, steps, per_step, perspective, falloff, table, at_edge):
     """W at the distance where each pixel's way against the sweep leaves the image."""
     most, some, more = steps
-    a, b, c, e, limit = (
-        np.float32(falloff[0]),
-        np.float32(falloff[1]),
-        np.float32(falloff[2]),
-        np.float32(falloff[3]),
-        np.float32(falloff[4]),
-    )
-    one = np.float32(1.0)
-    none = np.float32(0.0)
     for x in range(len(z)):
-        way = some + more * np.float32(x)
-        way = (way if way < most else most) * per_step * (z[x] if perspective else one)
-        way = way if way < FAR else FAR
-        d2 = way * way
-        w = (a + b * d2) / (c + e * d2)
-        at_edge[x] = w if d2 < limit else none
-    if len(table) > 0:
-        for x in range(len(z)):
-            way = min(some + more * np.float32(x), most) * per_step
-            way = min(way * (z[x] if perspective else one), FAR)
-            at_edge[x] = weight(TABLE, falloff[1], falloff[0], table, np.float64(way))
+        way = min(some + more * places[x], most) * per_step
+        way = min(way * (z[x] if perspective else ONE), FAR)
+        at_edge[x] = weight(TABLE, falloff[1], falloff[0], table, np.float64(way))
 
 
 @kernel
-def _add(found, at_edge, share, across, across_per_column, total, undecided, weights):
+def _weigh(z, places, steps, per_step, perspective, falloff, at_edge):
+    """The same by the falloff's formula, in float32."""
+    most, some, more = steps
+    a, b, c, e, limit = falloff
+    for x in range(len(z)):
+        way = some + more * places[x]
+        way = (way if way < most else most) * per_step * (z[x] if perspective else ONE)
+        way = way if way < FAR else FAR
+        d2 = way * way
+        w = (a + b * d2) / (c + e * d2)
+        at_edge[x] = w if d2 < limit else NONE
+
+
+@kernel
+def _add(found, places, at_edge, share, across, across_per_column, total, undecided, weights):
     """Add a direction's obscurance, and what it left undecided, by the azimuth that it stands for.
 
     Seen from a pixel, directions of the image crowd where they point away from its middle: by
     1 + p², p being their line's distance from there on the plane at depth 1.
     """
-    one = np.float32(1.0)
-    none = np.float32(0.0)
     for x in range(len(found)):
-        p = across + across_per_column * np.float32(x)
-        w = share / (one + p * p)
+        p = across + across_per_column * places[x]
+        w = share / (ONE + p * p)
         v = found[x]
-        w = w if v == v else none
-        v = v if v == v else none
+        w = w if v == v else NONE
+        v = v if v == v else NONE
         total[x] += w * v
-        undecided[x] += w * (one - v) * at_edge[x]
+        undecided[x] += w * (ONE - v) * at_edge[x]
         weights[x] += w
 
 
@@ -158,6 +156,17 @@ def _gather_band(
     repaired = np.empty(width, np.float32)
     at_edge = np.empty(width, np.float32)
     apart = np.zeros((width + 7) // 8 * 8, np.uint8)
+    # A column as float32 is loaded: int64, as counters are, does not become float32 in vectors.
+    places = np.empty(width, np.float32)
+    for x in range(width):
+        places[x] = np.float32(x)
+    short = (
+        np.float32(falloff[0]),
+        np.float32(falloff[1]),
+        np.float32(falloff[2]),
+        np.float32(falloff[3]),
+        np.float32(falloff[4]),
+    )
     looked_up = -1
     down, slant, step = ways
     for y in range(begin, end):
@@ -189,9 +198,14 @@ def _gather_band(
                 found,
             )
         steps = _steps_to_edge(n, m, y, column0, down > 0.0, slant)
-        _weigh_edge(z, steps, np.float32(step), perspective, falloff, table, at_edge)
+        per_step = np.float32(step)
+        if len(table) == 0:
+            _weigh(z, places, steps, per_step, perspective, short, at_edge)
+        else:
+            _weigh_by_table(z, places, steps, per_step, perspective, falloff, table, at_edge)
         _add(
             found,
+            places,
             at_edge,
             np.float32(shares),
             np.float32(across[2] + across[0] * y + across[1] * column0),
@@ -280,24 +294,32 @@ def gather(
 
 
 @kernel
-def _finish_tile(by_rows, by_columns, turned, y0, y1, x0, x1, occlusion, confidence):
-    """Means over all directions in a tile."""
-    one = np.float32(1.0)
-    none = np.float32(0.0)
-    for k in range(3):
-        for x in range(x0, x1):
-            of_column = by_columns[k, x, y0:y1]
-            for y in range(y1 - y0):
-                turned[k, y, x - x0] = of_column[y]
-    for y in range(y0, y1):
-        for x in range(x1 - x0):
-            weights = by_rows[2, y, x0 + x] + turned[2, y - y0, x]
-            total = (by_rows[0, y, x0 + x] + turned[0, y - y0, x]) / weights
-            decided = one - (by_rows[1, y, x0 + x] + turned[1, y - y0, x]) / weights
-            total = total if total > none else none
-            occlusion[y, x0 + x] = total if total < one else one
-            decided = decided if decided > none else none
-            confidence[y, x0 + x] = decided if decided < one else one
+def _finish_row(by_rows, by_columns, y, row, occlusion, confidence):
+    """Means over all directions in a row; `row` is its place among those that are turned."""
+    a, b, c = by_rows[0, y], by_rows[1, y], by_rows[2, y]
+    d, e, f = by_columns[0, row], by_columns[1, row], by_columns[2, row]
+    for x in range(len(occlusion)):
+        weights = c[x] + f[x]
+        total = (a[x] + d[x]) / weights
+        decided = ONE - (b[x] + e[x]) / weights
+        total = total if total > NONE else NONE
+        occlusion[x] = total if total < ONE else ONE
+        decided = decided if decided > NONE else NONE
+        confidence[x] = decided if decided < ONE else ONE
+
+
+@kernel
+def _turn(source, y0, count, target):
+    """Columns of `source` from `y0` on become rows of `target`."""
+    columns = len(source)
+    eights = columns // 8 * 8
+    whole = count // 8 * 8
+    for x in range(0, eights, 8):
+        for y in range(0, whole, 8):
+            turn_eight(source, x, 1, y0 + y, target, y, 1, x)
+    for x in range(columns):
+        for y in range(whole if x < eights else 0, count):
+            target[y, x] = source[x, y0 + y]
 
 
 @parallel_kernel
@@ -307,10 +329,12 @@ def finish(by_rows, by_columns, occlusion, confidence):
     Both are 0 where no direction has a sample near.
     """
     rows, columns = occlusion.shape
-    for band in prange((rows + TILE - 1) // TILE):
-        y0 = band * TILE
-        y1 = min(rows, y0 + TILE)
-        turned = np.empty((3, TILE, TILE), np.float32)
-        for x0 in range(0, columns, TILE):
-            x1 = min(columns, x0 + TILE)
-            _finish_tile(by_rows, by_columns, turned, y0, y1, x0, x1, occlusion, confidence)
+    for band in prange((rows + TURNED - 1) // TURNED):
+        first = band * TURNED
+        count = min(rows - first, TURNED)
+        turned = np.empty((3, TURNED, columns), np.float32)
+        for k in range(3):
+            _turn(by_columns[k], first, count, turned[k])
+        for y in range(count):
+            here = first + y
+            _finish_row(by_rows, turned, here, y, occlusion[here], confidence[here])

@@ -6,6 +6,7 @@ The same input gives the same bytes: nothing in the file hangs on the time or on
 import errno
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import disk_usage
@@ -27,6 +28,8 @@ BLOCK = 512
 # Layers beyond this many bytes pass through a file beside the output instead of memory.
 IN_MEMORY = 1 << 30
 LITTLE_ROOM = 1 << 24
+# Layers of up to this many bytes are stored while the next one is computed.
+BESIDE = 1 << 24
 
 Layers = NDArray[Any] | Iterable[tuple[int, NDArray[Any]]]
 Progress = Callable[[int, int], None]
@@ -114,8 +117,8 @@ def write(
     encode = encoder(dtype, scale, offset, nodata)
 
     def fill(dataset: Any) -> None:
-        for index, layer in _in_order(layers, len(names), terrain.shape, progress):
-            dataset.write(encode(layer), index + 1)
+        arriving = _in_order(layers, len(names), terrain.shape, progress)
+        _store(arriving, lambda index, layer: dataset.write(encode(layer), index + 1))
 
     size = terrain.shape[0] * terrain.shape[1] * len(names) * np.dtype(dtype).itemsize
     about = (names, unit, tags, scale, offset)
@@ -254,6 +257,24 @@ def describe(
         dataset.scales = (scale,) * count
         dataset.offsets = (offset or 0.0,) * count
     dataset.update_tags(**tags)
+
+
+def _store(
+    layers: Iterable[tuple[int, NDArray[Any]]], store: Callable[[int, NDArray[Any]], None]
+) -> None:
+    """Store layers in the order in which they come, small ones while the next is computed."""
+    with ThreadPoolExecutor(1, thread_name_prefix="adret-store") as beside:
+        latest: Future[None] | None = None
+        for index, layer in layers:
+            if latest is not None:
+                latest.result()
+                latest = None
+            if layer.nbytes <= BESIDE:
+                latest = beside.submit(store, index, layer.copy())
+            else:
+                store(index, layer)
+        if latest is not None:
+            latest.result()
 
 
 def _in_order(

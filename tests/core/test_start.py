@@ -64,3 +64,35 @@ def test_the_first_run_says_that_it_compiles_and_the_next_ones_are_quick(
     assert warm < cold / 4.0
     first, second = (tmp_path / "1.tif").read_bytes(), (tmp_path / "3.tif").read_bytes()
     assert first == second
+
+
+def test_what_a_start_leaves_out_is_there_for_who_asks_later(tmp_path: Path) -> None:
+    code = """
+import gc, sys
+from adret.cli.running import collect_garbage_again, quick_start
+with quick_start():
+    import pyproj.transformer
+    print("urllib.request" in sys.modules)
+    try:
+        pyproj.transformer._download_resource_file()
+    except TypeError:  # the real one wants arguments
+        print("urllib.request" in sys.modules)
+import pyproj.sync, yaml
+print(pyproj.sync.get_transform_grid_list.__name__, yaml.safe_load("[1]"))
+gc.disable()
+collect_garbage_again()
+print(gc.isenabled())
+"""
+    said = python(tmp_path, "-c", code).stdout.splitlines()
+    assert said == ["False", "True", "get_transform_grid_list [1]", "True"]
+
+
+def test_a_command_that_others_call_does_not_end_their_process(tmp_path: Path) -> None:
+    code = """
+import gc, sys
+from adret.cli import main
+print(main(["horizon", "nothing.tif", "out.tif"]), gc.isenabled())
+sys.argv = ["adret", "horizon", "nothing.tif", "out.tif"]
+print(main(), gc.isenabled())
+"""
+    assert python(tmp_path, "-c", code).stdout.splitlines() == ["2 True", "2 True"]

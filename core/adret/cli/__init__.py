@@ -4,11 +4,13 @@ Nothing heavy is imported before a command runs. Wrong input ends with one line 
 that names field, limit and value, exit code 2, and no file.
 """
 
+import gc
 import logging
+import os
 import signal
 import sys
 from collections.abc import Sequence
-from importlib import import_module, metadata
+from importlib import import_module
 from types import FrameType
 from typing import Any
 
@@ -30,6 +32,8 @@ COMMANDS = (
     "plan",
     "batch",
 )
+# Commands that compute one file and end.
+PRODUCTS = frozenset(COMMANDS) - {"info", "plan", "batch"}
 # Commands that other packages bring, and the extra that installs them.
 SERVING = ("serve", "worker", "keys", "tile-worker")
 USING = ("login", "upload", "run", "jobs", "watch", "cancel", "fetch")
@@ -55,12 +59,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return the exit code.
 
     0 done; 2 wrong input; 1 the machine failed (full disk, too little memory); 130 interrupted.
+    Without `arguments` those of the process are taken, and a product's command ends the process.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
+    alone = arguments is None and _asked(given) in PRODUCTS
+    if alone:
+        gc.disable()  # imports make much and leave nothing; `running` enables it again
     logging.getLogger("rasterio").addHandler(logging.NullHandler())
     previous = signal.signal(signal.SIGTERM, _terminate)
     try:
-        return _run(given)
+        code = _run(given)
+        if alone:
+            _leave(code)
+        return code
     except AdretError as error:
         return _stop(error)
     except KeyboardInterrupt:
@@ -71,6 +82,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         where = f" ({error.filename})" if error.filename else ""
         return _say(f"{error.strerror or error}{where}", 1)
     finally:
+        if alone:
+            gc.enable()
         signal.signal(signal.SIGTERM, previous)
 
 
@@ -86,7 +99,7 @@ def _run(given: list[str]) -> int:
         pretty_exceptions_enable=False,
     )
     app.callback()(_root)
-    asked = next((word for word in given if not word.startswith("-")), None)
+    asked = _asked(given)
     # Typer describes every command that it has before it runs one.
     for name in (asked,) if asked in COMMANDS else COMMANDS:
         import_module(f"adret.cli.{name}").register(app)
@@ -109,6 +122,18 @@ def _run(given: list[str]) -> int:
     return code if isinstance(code, int) else 0
 
 
+def _asked(given: list[str]) -> str | None:
+    return next((word for word in given if not word.startswith("-")), None)
+
+
+def _leave(code: int) -> None:
+    """End the process at once: what it holds need not be taken down piece by piece."""
+    logging.shutdown()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
 def _root() -> None:
     """Do nothing: it carries the help text and makes every command a sub-command."""
 
@@ -117,6 +142,8 @@ def _register_others(app: Any, asked: str | None) -> bool:
     """Let installed packages add their commands; tell if the one asked for is known."""
     if asked in COMMANDS:
         return True
+    from importlib import metadata
+
     entries = [e for e in metadata.entry_points(group=GROUP) if asked in (None, e.name)]
     for entry in entries:
         entry.load()(app)

@@ -1,10 +1,13 @@
 """What every product's command does: check, read, compute with a progress bar, write."""
 
 import contextlib
+import gc
 import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from adret.cli.options import numbers
@@ -18,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["open_terrain", "product_action"]
 
 UNUSED = ("boto3", "scipy")
+SETTINGS_OF_NUMBA = ".numba_config.yaml"
 
 
 def product_action(name: str) -> Callable[..., None]:
@@ -64,6 +68,7 @@ def product_action(name: str) -> Callable[..., None]:
         jit.without_extensions()
         if count is not None:
             jit.threads(count)
+        collect_garbage_again()
         with (
             warnings_in_a_line(),
             jit.tell_of_compilation(say_compiling),
@@ -118,14 +123,36 @@ def _threads(text: str) -> int:
 
 @contextlib.contextmanager
 def quick_start() -> Iterator[None]:
-    """Import nothing that rasterio and Numba only look for: half a second at every start."""
-    hidden = [name for name in UNUSED if name not in sys.modules]
-    sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]
+    """Import nothing that rasterio, pyproj and Numba only look for: half a second a start."""
+    unused = UNUSED if os.path.exists(SETTINGS_OF_NUMBA) else (*UNUSED, "yaml")
+    stand_ins: dict[str, ModuleType | None] = dict.fromkeys(unused)
+    stand_ins["pyproj.sync"] = _download_later()
+    hidden = {name: module for name, module in stand_ins.items() if name not in sys.modules}
+    sys.modules.update(hidden)  # type: ignore[arg-type]
     try:
         yield
     finally:
         for name in hidden:
             sys.modules.pop(name, None)
+
+
+def _download_later() -> ModuleType:
+    """Stand in for pyproj's downloads, which take the Internet's modules to import, until asked."""
+    module = ModuleType("pyproj.sync")
+
+    def download(*arguments: Any, **options: Any) -> Any:
+        sys.modules.pop("pyproj.sync", None)
+        return import_module("pyproj.sync")._download_resource_file(*arguments, **options)
+
+    module._download_resource_file = download  # type: ignore[attr-defined]
+    return module
+
+
+def collect_garbage_again() -> None:
+    """Enable the collector where the command switched it off, past all that was loaded."""
+    if not gc.isenabled():
+        gc.freeze()
+        gc.enable()
 
 
 def say_compiling() -> None:

@@ -14,10 +14,11 @@ is at column ``start + shift[i] + blend[i]``, where ``blend`` is 0 if lines pass
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
-from adret._kernels.jit import kernel, parallel_kernel, prange
+from adret._kernels.jit import kernel, shared_kernel
 from adret._kernels.screen.lsao_hulls import (
     BOTTOM,
     FIRST,
@@ -52,6 +53,7 @@ from adret._kernels.screen.lsao_strips import (
 FIXED = 0  # tangent plane: one for all; the receiver's; one to cull, the receiver's for the result
 RECEIVER = 1
 MIXED = 2
+STARTS = 9  # which argument of `sweep_lines` that is
 
 
 @kernel
@@ -148,8 +150,15 @@ def _sweep_strip(
     return skipped
 
 
-@parallel_kernel
+def _strips(*arguments: Any) -> int:
+    starts = arguments[STARTS]
+    return len(starts) * -(-starts.shape[1] // STRIP)
+
+
+@shared_kernel(_strips)
 def sweep_lines(
+    start,
+    stop,
     depth,
     normal,
     swap,
@@ -207,7 +216,7 @@ def sweep_lines(
         Output: samples that were passed over.
     """
     strips = (starts.shape[1] + STRIP - 1) // STRIP
-    for task in prange(len(lines) * strips):
+    for task in range(start, stop):
         b = task // strips
         first = task % strips * STRIP
         last = min(lines[b], first + STRIP)

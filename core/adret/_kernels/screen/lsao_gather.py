@@ -1,8 +1,10 @@
 """Line-sweep ambient obscurance: from the lines' samples to pixels (P3, section 5)."""
 
+from typing import Any
+
 import numpy as np
 
-from adret._kernels.jit import index, kernel, parallel_kernel, prange
+from adret._kernels.jit import index, kernel, shared_kernel
 from adret._kernels.screen.falloffs import TABLE, weight
 from adret._kernels.vectors import turn_eight
 
@@ -216,8 +218,14 @@ def _gather_band(
         )
 
 
-@parallel_kernel
+def _bands(depth: Any, perspective: Any, frame: Any, *_: Any) -> int:
+    return int(frame[1] - frame[0] + BAND - 1) // BAND
+
+
+@shared_kernel(_bands)
 def gather(
+    start,
+    stop,
     depth,
     perspective,
     frame,
@@ -266,7 +274,7 @@ def gather(
         Raised: obscurance, undecided share, weight.
     """
     row0, row1 = frame[0], frame[1]
-    for band in prange((row1 - row0 + BAND - 1) // BAND):
+    for band in range(start, stop):
         begin = row0 + band * BAND
         for b in range(len(shares)):
             _gather_band(
@@ -322,14 +330,18 @@ def _turn(source, y0, count, target):
             target[y, x] = source[x, y0 + y]
 
 
-@parallel_kernel
-def finish(by_rows, by_columns, occlusion, confidence):
+def _turned(by_rows: Any, by_columns: Any, occlusion: Any, *_: Any) -> int:
+    return -(-len(occlusion) // TURNED)
+
+
+@shared_kernel(_turned)
+def finish(start, stop, by_rows, by_columns, occlusion, confidence):
     """Means over all directions; the sums of the transposed frame are transposed back.
 
     Both are 0 where no direction has a sample near.
     """
     rows, columns = occlusion.shape
-    for band in prange((rows + TURNED - 1) // TURNED):
+    for band in range(start, stop):
         first = band * TURNED
         count = min(rows - first, TURNED)
         turned = np.empty((3, TURNED, columns), np.float32)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from adret import accuracy, horizon_files, methods, skips
 from adret._gdal import PathLike
 from adret._kernels.frames import to_elevation
+from adret._summaries import summary
 from adret._values import real
 from adret.azimuths import azimuth_set
 from adret.errors import InputError
@@ -54,6 +55,8 @@ class HorizonMap:
     terrain: Terrain
     options: HorizonOptions
     report: RunReport
+
+    __repr__ = summary
 
     def save(
         self,
@@ -229,8 +232,8 @@ def horizon_map(
     ways = np.empty_like(elevation) if distance else None
     run = HorizonRun(terrain, azimuth, options, progress)
     run.expected_error_deg = expected
-    for k, slope in run.layers(ways):
-        to_elevation(slope, elevation[k])
+    for _ in run.layers(ways, elevation):
+        pass
     return HorizonMap(elevation, azimuth, ways, terrain, options, run.report())
 
 
@@ -269,29 +272,35 @@ class HorizonRun:
         self.expected_error_deg: float | None = None
 
     def layers(
-        self, distances: NDArray[np.float32] | None = None
+        self,
+        distances: NDArray[np.float32] | None = None,
+        elevations: NDArray[np.float32] | None = None,
     ) -> Iterator[tuple[int, NDArray[np.float32]]]:
         """Yield (k, slope): tangent of the elevation towards azimuth k, shape (rows, columns).
 
         -inf where nothing lies that way, NaN at nodata cells. The array is reused: consume it
         before the next step. `distances`, shape (K, rows, columns), is filled along the way, and
-        `number` counts the layers, with those that `only` leaves out.
+        `number` counts the layers, with those that `only` leaves out. With `elevations`, of the
+        same shape, its layers are filled with angles [radians] and yielded instead of slopes.
         Azimuths come grouped by octant, in an order that the list of azimuths alone decides.
         """
-        slope = np.empty(self.terrain.shape, np.float32)
+        slope = np.empty(self.terrain.shape if elevations is None else 0, np.float32)
         engine = methods.ENGINES[self.options.method](self.terrain, self.options)
         latest, same = None, skips.wanted("same azimuths")
         for done, (number, k) in enumerate(self._order):
             self.number = number
             way = None if distances is None else distances[k]
+            slope = slope if elevations is None else elevations[k]
             if latest is not None and self._twin_of[latest] == self._twin_of[k] and same:
                 self._same += 1
-                if distances is not None:
-                    distances[k] = distances[latest]
+                for filled in (distances, elevations):
+                    if filled is not None:
+                        filled[k] = filled[latest]
             else:
                 for band in self._bands:
                     direction = methods.Direction.of(float(self.azimuths[k]), band.cell_size)
-                    engine.fill(direction, slope, way, (band.start, band.stop))
+                    rows = (band.start, band.stop)
+                    engine.fill(direction, slope, way, rows, elevations is not None)
             latest = k
             self._left_out = engine.left_out
             yield k, slope

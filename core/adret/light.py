@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from adret import skips
 from adret._kernels import light as kernels
 from adret._kernels import normals as normal_kernels
+from adret._summaries import summary
 from adret.azimuths import azimuth_set
 from adret.errors import InputError
 from adret.horizon import HorizonOptions, HorizonRun, Progress
@@ -54,6 +55,8 @@ class Light:
     report: RunReport
     bounces: int = 0
     residual: float = 0.0
+
+    __repr__ = summary
 
     def radiance(self, albedo: ArrayLike = 1.0) -> NDArray[np.float32]:
         """Radiance that Lambertian ground sends back, albedo·irradiance/π.

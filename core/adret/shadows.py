@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adret._kernels import shadows as kernels
+from adret._summaries import summary
 from adret.errors import InputError
 from adret.horizon import HorizonOptions, HorizonRun, Progress
 from adret.horizon_keywords import HorizonKeywords
@@ -54,6 +55,8 @@ class Shadow:
     lit: NDArray[np.float32]
     terrain: Terrain
     report: RunReport
+
+    __repr__ = summary
 
 
 def shadow(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from adret._kernels import sight as kernels
+from adret._summaries import summary
 from adret._values import real
 from adret.errors import InputError
 from adret.horizon import HorizonOptions
@@ -67,6 +68,8 @@ class LineOfSight:
     obstruction: int | None
     minimum_height: float
     grazing_elevation: float
+
+    __repr__ = summary
 
     @property
     def clearance(self) -> NDArray[np.float64]:

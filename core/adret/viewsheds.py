@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from adret._kernels import sight as kernels
+from adret._summaries import summary
 from adret._values import real
 from adret.errors import InputError
 from adret.horizon import HorizonOptions
@@ -64,6 +65,8 @@ class Viewshed:
     observers: tuple[Cell, ...]
     terrain: Terrain
     report: RunReport
+
+    __repr__ = summary
 
     @property
     def minimum_elevation(self) -> NDArray[np.float64]:

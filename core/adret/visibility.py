@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, get_args, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from adret._summaries import summary
 from adret.azimuths import azimuth_set
 from adret.errors import InputError
 from adret.horizon import HorizonOptions, Progress
@@ -70,6 +71,8 @@ class Intervisibility:
     method: SightMethod
     report: SightReport
     _latest: list[SightFrame] = field(default_factory=list, init=False, repr=False)
+
+    __repr__ = summary
 
     def of(self, row: int, column: int, k: int) -> NDArray[np.int32]:
         """Distances of one cell's local horizons towards azimuth k, near to far [steps].

@@ -11,7 +11,7 @@ __all__ = ["POOL", "SNAP", "Direction", "Layer", "Orientation", "Stencil", "sten
 POOL = 4  # samples of a line that enter the far field's hull as one
 SNAP = 1e-9  # cells: a crossing this near to a vertex is the vertex
 Layer = NDArray[np.float32]
-_Crossing = tuple[int, int, float, int, int, float, float]
+Table = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -88,24 +88,29 @@ class Stencil:
     reach: Layer
 
 
-def _crossings(shear: float, first: int, last: int) -> list[_Crossing]:
-    """Crossings from `first` to `last` major steps: (row, column, weight) twice, and the steps."""
-    found: list[_Crossing] = []
-    for j in range(first, last + 1):
-        position = shear * j
-        cell = math.floor(position + SNAP)
-        weight = position - cell
-        if weight < SNAP:
-            found.append((-j, -cell, 1.0, -j, -cell, 0.0, float(j)))
-        else:
-            found.append((-j, -cell, 1.0 - weight, -j, -cell - 1, weight, float(j)))
+def _between(major: Table, minor: Table, swap: bool) -> Table:
+    """Crossings `major` cells along one axis, `minor` along the other; `swap`: the axes' order."""
+    cell = np.floor(minor + SNAP)
+    weight = minor - cell
+    vertex = weight < SNAP
+    beside = np.where(vertex, cell, cell + 1.0)
+    pairs = [-major, -cell, -major, -beside]
+    if swap:
+        pairs = [-cell, -major, -beside, -major]
+    shares = [np.where(vertex, 1.0, 1.0 - weight), np.where(vertex, 0.0, weight)]
+    return np.stack([*pairs, *shares, minor if swap else major], axis=1)
+
+
+def _crossings(shear: float, first: int, last: int) -> Table:
+    """Crossings from `first` to `last` major steps: two (row, column), two weights, the steps."""
+    steps = np.arange(first, last + 1, dtype=np.float64)
+    found = _between(steps, shear * steps, False)
     if shear > 0.0:
-        for j in range(math.ceil(shear * (first - 1) + SNAP), math.floor(shear * last + SNAP) + 1):
-            position = j / shear
-            cell = math.floor(position + SNAP)
-            weight = position - cell
-            if j > 0 and weight >= SNAP:  # else the crossing is a vertex, listed above
-                found.append((-cell, -j, 1.0 - weight, -cell - 1, -j, weight, position))
+        start = max(math.ceil(shear * (first - 1) + SNAP), 1)
+        columns = np.arange(start, math.floor(shear * last + SNAP) + 1, dtype=np.float64)
+        across = _between(columns, columns / shear, True)
+        # Where its weight is 0 the crossing is a vertex, listed above.
+        found = np.concatenate([found, across[across[:, 5] > 0.0]])
     return found
 
 
@@ -125,20 +130,18 @@ def stencil(
     crossings = _crossings(direction.shear, 1, min(near, max(shape)))
     if near < reach < math.inf:
         last = math.floor(reach) + 1
-        crossings += _crossings(direction.shear, max(near + 1, last - POOL - 1), last)
-    crossings = [
-        c
-        for c in crossings
-        if c[6] * direction.step <= max_distance and -c[3] <= shape[0] and -c[4] <= shape[1]
-    ]
-    crossings.sort(key=lambda c: c[6])
-    if crossings:
-        crossings += [crossings[-1]] * (-len(crossings) % 4)
-    table = np.array(crossings, dtype=np.float64).reshape(-1, 7)
+        edge = _crossings(direction.shear, max(near + 1, last - POOL - 1), last)
+        crossings = np.concatenate([crossings, edge])
+    inside = crossings[:, 6] * direction.step <= max_distance
+    inside &= (-crossings[:, 2] <= shape[0]) & (-crossings[:, 3] <= shape[1])
+    table = crossings[inside]
+    table = table[np.argsort(table[:, 6], kind="stable")]
+    if len(table):
+        table = np.concatenate([table, np.repeat(table[-1:], -len(table) % 4, axis=0)])
     distance = table[:, 6] * direction.step
     return Stencil(
-        offsets=table[:, [0, 1, 3, 4]].astype(np.int64),
-        p=(table[:, 2] / distance).astype(np.float32),
+        offsets=table[:, :4].astype(np.int64),
+        p=(table[:, 4] / distance).astype(np.float32),
         q=(table[:, 5] / distance).astype(np.float32),
         k=(-observer / distance - bend * distance).astype(np.float32),
         reach=distance.astype(np.float32),

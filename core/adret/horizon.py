@@ -29,6 +29,7 @@ __all__ = [
 ]
 
 Progress = Callable[[int, int], None]
+Stack = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,10 +239,7 @@ def horizon_map(
 
 
 class HorizonRun:
-    """One pass over a set of azimuths; its report can be read when the layers are consumed.
-
-    `only` names the azimuths, by index, that are swept.
-    """
+    """One pass over azimuths, or `only` some of them (indices); its report is for afterwards."""
 
     number = 0
 
@@ -272,17 +270,14 @@ class HorizonRun:
         self.expected_error_deg: float | None = None
 
     def layers(
-        self,
-        distances: NDArray[np.float32] | None = None,
-        elevations: NDArray[np.float32] | None = None,
-    ) -> Iterator[tuple[int, NDArray[np.float32]]]:
+        self, distances: Stack | None = None, elevations: Stack | None = None
+    ) -> Iterator[tuple[int, Stack]]:
         """Yield (k, slope): tangent of the elevation towards azimuth k, shape (rows, columns).
 
-        -inf where nothing lies that way, NaN at nodata cells. The array is reused: consume it
-        before the next step. `distances`, shape (K, rows, columns), is filled along the way, and
-        `number` counts the layers, with those that `only` leaves out. With `elevations`, of the
-        same shape, its layers are filled with angles [radians] and yielded instead of slopes.
-        Azimuths come grouped by octant, in an order that the list of azimuths alone decides.
+        -inf where nothing lies that way, NaN at nodata. The array is reused: consume it before the
+        next step. `distances`, shape (K, rows, columns), is filled along the way; `elevations`, as
+        large, with angles [radians] that are then yielded instead. `number` counts the layers, with
+        those that `only` leaves out. Azimuths come grouped by octant, their list decides the order.
         """
         slope = np.empty(self.terrain.shape if elevations is None else 0, np.float32)
         engine = methods.ENGINES[self.options.method](self.terrain, self.options)
@@ -293,14 +288,13 @@ class HorizonRun:
             slope = slope if elevations is None else elevations[k]
             if latest is not None and self._twin_of[latest] == self._twin_of[k] and same:
                 self._same += 1
-                for filled in (distances, elevations):
-                    if filled is not None:
-                        filled[k] = filled[latest]
+                for stack in (s for s in (distances, elevations) if s is not None):
+                    stack[k] = stack[latest]
             else:
                 for band in self._bands:
                     direction = methods.Direction.of(float(self.azimuths[k]), band.cell_size)
-                    rows = (band.start, band.stop)
-                    engine.fill(direction, slope, way, rows, elevations is not None)
+                    span = band.start, band.stop
+                    engine.fill(direction, slope, way, span, elevations is not None)
             latest = k
             self._left_out = engine.left_out
             yield k, slope
@@ -334,7 +328,7 @@ def horizon_slopes(
     azimuths: NDArray[np.float64],
     options: HorizonOptions,
     progress: Progress | None = None,
-) -> Iterator[tuple[int, NDArray[np.float32]]]:
+) -> Iterator[tuple[int, Stack]]:
     """Yield the layers of `HorizonRun`: for callers that need no report."""
     return HorizonRun(terrain, azimuths, options, progress).layers()
 
@@ -400,6 +394,5 @@ def horizon_at(
                 field, f"between 0 and {length - 1}", index[(index < 0) | (index >= length)][0]
             )
     slope = methods.exact_points(terrain, options, azimuth, row, column)
-    elevation = np.empty_like(slope)
-    to_elevation(slope, elevation)
-    return elevation
+    to_elevation(slope, slope)
+    return slope

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from adret import skips
 from adret._kernels.exact_march import exact_at, exact_layer
+from adret._kernels.frames import to_elevation
 from adret._kernels.line_hull import look_up, sweep_lines
 from adret.errors import InputError
 from adret.sweep import POOL, Direction, Layer, Orientation, Receivers, SweepFrame
@@ -47,9 +48,17 @@ class Engine(Protocol):
     def __init__(self, terrain: Terrain, options: "HorizonOptions") -> None: ...
 
     def fill(
-        self, direction: Direction, slope: Layer, distance: Layer | None, rows: tuple[int, int]
+        self,
+        direction: Direction,
+        slope: Layer,
+        distance: Layer | None,
+        rows: tuple[int, int],
+        angles: bool = False,
     ) -> None:
-        """Write the horizon towards `direction` for raster rows start..stop."""
+        """Write the horizon towards `direction` for raster rows start..stop.
+
+        `slope` gets the tangents of elevations, or with `angles` the elevations [radians].
+        """
 
 
 class _Framed:
@@ -67,8 +76,9 @@ class _Framed:
 
     def frame(self, orientation: Orientation, near: int, reach: int) -> SweepFrame:
         if orientation not in self._frames:
+            spare = None
             if len(self._frames) >= self._kept:
-                del self._frames[next(iter(self._frames))]
+                spare = self._frames.pop(next(iter(self._frames)))
             seen, top, left, stored = self.terrain.view
             row, column = self.terrain.origin
             self._frames[orientation] = SweepFrame(
@@ -79,6 +89,7 @@ class _Framed:
                 (row - top, column - left),
                 Receivers(top, left, *self.terrain.shape),
                 stored,
+                spare,
             )
             self._frames[orientation].left_out = self.left_out
         return self._frames[orientation]
@@ -92,7 +103,12 @@ class Sweep(_Framed):
     """Exact near field joined to a hull-swept far field."""
 
     def fill(
-        self, direction: Direction, slope: Layer, distance: Layer | None, rows: tuple[int, int]
+        self,
+        direction: Direction,
+        slope: Layer,
+        distance: Layer | None,
+        rows: tuple[int, int],
+        angles: bool = False,
     ) -> None:
         """Write rows of the layer; see `SweepFrame.horizon`."""
         o = self.options
@@ -104,6 +120,7 @@ class Sweep(_Framed):
             max_distance=o.range,
             bend=o.bend,
             observer_height=o.observer_height,
+            angles=angles,
         )
         self._drop()
 
@@ -112,7 +129,12 @@ class March(_Framed):
     """One sample a step along each cell's own ray."""
 
     def fill(
-        self, direction: Direction, slope: Layer, distance: Layer | None, rows: tuple[int, int]
+        self,
+        direction: Direction,
+        slope: Layer,
+        distance: Layer | None,
+        rows: tuple[int, int],
+        angles: bool = False,
     ) -> None:
         """Write rows of the layer; see `SweepFrame.march`."""
         o = self.options
@@ -123,6 +145,7 @@ class March(_Framed):
             max_distance=o.range,
             bend=o.bend,
             observer_height=o.observer_height,
+            angles=angles,
         )
         self._drop()
 
@@ -137,7 +160,12 @@ class Exact:
         self._top = _top(terrain)
 
     def fill(
-        self, direction: Direction, slope: Layer, distance: Layer | None, rows: tuple[int, int]
+        self,
+        direction: Direction,
+        slope: Layer,
+        distance: Layer | None,
+        rows: tuple[int, int],
+        angles: bool = False,
     ) -> None:
         """Write rows of the layer."""
         start, stop = rows
@@ -158,6 +186,8 @@ class Exact:
             ended,
         )
         self.left_out["ends of rays"] += int(ended.sum())
+        if angles:
+            to_elevation(slope[start:stop], slope[start:stop])
 
 
 def _top(terrain: Terrain) -> float:
@@ -180,7 +210,12 @@ class Hull:
         self.options = options
 
     def fill(
-        self, direction: Direction, slope: Layer, distance: Layer | None, rows: tuple[int, int]
+        self,
+        direction: Direction,
+        slope: Layer,
+        distance: Layer | None,
+        rows: tuple[int, int],
+        angles: bool = False,
     ) -> None:
         """Write rows of the layer: sweep all lines, then look each cell up."""
         n, m = self.heights.shape
@@ -216,6 +251,8 @@ class Hull:
             slope[start:stop],
         )
         slope[start:stop][self.mask[start:stop]] = np.nan
+        if angles:
+            to_elevation(slope[start:stop], slope[start:stop])
 
 
 ENGINES: dict[str, type[Engine]] = {"sweep": Sweep, "march": March, "exact": Exact, "hull": Hull}

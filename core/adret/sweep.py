@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from adret import skips
 from adret._kernels.far_bound import far_can_rise
-from adret._kernels.frames import copy_oriented, mask_nodata
+from adret._kernels.frames import angles_oriented, copy_oriented, mask_nodata
 from adret._kernels.hull_sweep import RIGHT, hull_sweep
 from adret._kernels.hull_window import hull_sweep_within
 from adret._kernels.march import march
@@ -64,6 +64,8 @@ class SweepFrame:
         The part whose horizons are asked for: layers that are filled cover it alone.
     stored : Frames, optional
         Turned heights that exist already; without a range.
+    spare : SweepFrame, optional
+        A frame that is used no more: its memory is taken over where it fits.
     """
 
     def __init__(
@@ -75,6 +77,7 @@ class SweepFrame:
         origin: tuple[int, int] = (0, 0),
         receivers: Receivers | None = None,
         stored: Frames | None = None,
+        spare: "SweepFrame | None" = None,
     ) -> None:
         shape = heights.shape[::-1] if orientation.swap else heights.shape
         self.shape: tuple[int, int] = (shape[0], shape[1])
@@ -85,13 +88,17 @@ class SweepFrame:
         self._holes = stored is not None or bool(np.isnan(np.min(heights, initial=np.inf)))
         rows, columns = self._pad = padding(self.shape, max(near, reach))
         self._mapped = stored is not None  # reading all of it would cost more than it saves
+        if spare is not None and (spare.shape, spare._pad) != (self.shape, self._pad):
+            spare = None
         if stored:
             self._z = stored.frame(orientation, near)
+        elif spare:
+            self._z = spare._z  # NaN all round, and the heights will be written over
         else:
             self._z = np.full((shape[0] + rows, shape[1] + columns + RIGHT), np.nan, np.float32)
         first = origin[1] if orientation.swap else origin[0]
         self._anchor = 1 - shape[0] - first if orientation.flip_rows else first
-        self._best: Layer = np.empty(shape, np.float32)
+        self._best: Layer = spare._best if spare else np.empty(shape, np.float32)
         if not stored:
             # By way of a layer: an array with gaps would compile another kernel.
             copy_oriented(heights, self._best, *self._turn())
@@ -128,6 +135,7 @@ class SweepFrame:
         bend: float = 0.0,
         observer_height: float = 0.0,
         pool: int = POOL,
+        angles: bool = False,
     ) -> None:
         """Fill rows of `slope` (and `distance` [m]) with the horizon towards one azimuth.
 
@@ -150,6 +158,8 @@ class SweepFrame:
             Height of the eye above the surface [m].
         pool : int
             Samples that enter the hull as one, 1 to 4.
+        angles : bool
+            Fill `slope` with elevation angles [radians] instead, -π/2 for -inf.
         """
         reach = max_distance / direction.step
         # A range that covers the raster is no limit.
@@ -189,7 +199,7 @@ class SweepFrame:
                 frame_columns,
                 far,
             )
-        self._write(self._best, slope, rows)
+        self._write(self._best, slope, rows, angles)
         if far is not None and distance is not None:
             self._write(far, distance, rows)
 
@@ -202,6 +212,7 @@ class SweepFrame:
         max_distance: float = math.inf,
         bend: float = 0.0,
         observer_height: float = 0.0,
+        angles: bool = False,
     ) -> None:
         """As `horizon`, by one sample a major step along each cell's own ray."""
         count = int(min(max_distance / direction.step + SNAP, self.shape[0]))
@@ -217,7 +228,7 @@ class SweepFrame:
             *self._span(rows),
             self._best,
         )
-        self._write(self._best, slope, rows)
+        self._write(self._best, slope, rows, angles)
 
     def _far(
         self,
@@ -294,7 +305,9 @@ class SweepFrame:
             self.left_out["far field"] += int((rows[1] - rows[0]) * (columns[1] - columns[0]))
         return bool(hope[0])
 
-    def _write(self, layer: Layer, target: Layer, rows: tuple[int, int]) -> None:
+    def _write(
+        self, layer: Layer, target: Layer, rows: tuple[int, int], angles: bool = False
+    ) -> None:
         """Turn a frame layer back into rows of a raster layer and mask nodata."""
         o = self.orientation
         down, across = self._span(rows)
@@ -302,7 +315,8 @@ class SweepFrame:
         part.flags.writeable = False  # as heights are: one kernel serves both
         flips = (o.flip_rows, o.flip_columns)
         # The inverse of "transpose, then flip" flips the other axis after transposing.
-        copy_oriented(part, target[slice(*rows)], o.swap, *(flips[::-1] if o.swap else flips))
+        turn = angles_oriented if angles else copy_oriented
+        turn(part, target[slice(*rows)], o.swap, *(flips[::-1] if o.swap else flips))
         if self._holes:
             top, left, _, width = self._receivers
             mask_nodata(

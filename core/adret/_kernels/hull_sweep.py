@@ -120,12 +120,13 @@ def _between(left_z, left_s, right_z, right_s, weight, here, c, shear, reach):
     Heights and distances are interpolated, not slopes: a plane is then exact however far apart
     the vertices lie. A vertex beyond reach, or beyond the point where the own ray leaves the
     raster, does not count, and the one beside it then neither: alone it lies off the ray, and a
-    steep plane would seem to stand above itself. The height is then -inf.
+    steep plane would seem to stand above itself. The height is then -inf. It is -inf or NaN where
+    there is no vertex: both raise nothing.
     """
     right = here - right_s
     left = here - left_s
-    counts = (right * shear <= c) & (right <= reach) & (right_z > NOTHING)
-    counts &= (left * shear <= c) & (left <= reach) & (left_z > NOTHING)
+    farthest = greater(right, left)
+    counts = (farthest * shear <= c) & (farthest <= reach)
     share = np.float32(1.0) - weight
     height = right_z * share + left_z * weight
     return height if counts else NOTHING, right * share + left * weight

@@ -43,10 +43,10 @@ def four_crossings(z, a, b, here, best, p, q, k):
     for column in range(len(best)):
         x = index(column)
         z0 = z[first + x]
-        s = greater((z[a0 + x] - z0) * p0 + (z[b0 + x] - z0) * q0 + k0, best[x])
-        s = greater((z[a1 + x] - z0) * p1 + (z[b1 + x] - z0) * q1 + k1, s)
-        s = greater((z[a2 + x] - z0) * p2 + (z[b2 + x] - z0) * q2 + k2, s)
-        best[x] = greater((z[a3 + x] - z0) * p3 + (z[b3 + x] - z0) * q3 + k3, s)
+        s = greater((z[a0 + x] - z0) * p0 + ((z[b0 + x] - z0) * q0 + k0), best[x])
+        s = greater((z[a1 + x] - z0) * p1 + ((z[b1 + x] - z0) * q1 + k1), s)
+        s = greater((z[a2 + x] - z0) * p2 + ((z[b2 + x] - z0) * q2 + k2), s)
+        best[x] = greater((z[a3 + x] - z0) * p3 + ((z[b3 + x] - z0) * q3 + k3), s)
 
 
 @inline

@@ -149,6 +149,7 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
     """
     directions = _directions(options, (float(field.rays[0]), float(field.rays[2])))
     done = skipped = 0
+    held = np.empty(0, dtype=np.float32)
     frames = [_Frame(field, swap) for swap in (False, True)]
     for frame in frames:
         plans = [
@@ -159,17 +160,19 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
         samples = max((plan.rows.size for _, plan in plans), default=0)
         lines = max((plan.starts.size for _, plan in plans), default=0)
         batch = max(1, min(len(plans), HELD // max(1, samples * lines)))
-        values = np.empty((batch, samples, lines), dtype=np.float32)
+        size = batch * samples * lines
+        if held.size < size:  # one piece of memory for both frames: new one is slow
+            held = np.empty(size, dtype=np.float32)
+        values = held[:size].reshape(batch, samples, lines)
         for first in range(0, len(plans), batch):
             chosen = plans[first : first + batch]
             skipped += _sweep(field, options, frame, chosen, values)
             done += len(chosen)
             if progress is not None:
                 progress(done, len(directions))
-    occlusion = np.empty(field.shape, dtype=np.float32)
-    confidence = np.empty(field.shape, dtype=np.float32)
-    gathering.finish(frames[0].sums, frames[1].sums, occlusion, confidence)
-    return Estimate(occlusion, confidence, None, {"empty samples": skipped})
+    sums = frames[0].sums
+    gathering.finish(sums, frames[1].sums)
+    return Estimate(sums[0], sums[1], None, {"empty samples": skipped})
 
 
 def _directions(options: Options, pixel: tuple[float, float]) -> list[Direction]:

@@ -302,18 +302,18 @@ def gather(
 
 
 @kernel
-def _finish_row(by_rows, by_columns, y, row, occlusion, confidence):
+def _finish_row(by_rows, by_columns, y, row):
     """Means over all directions in a row; `row` is its place among those that are turned."""
     a, b, c = by_rows[0, y], by_rows[1, y], by_rows[2, y]
     d, e, f = by_columns[0, row], by_columns[1, row], by_columns[2, row]
-    for x in range(len(occlusion)):
+    for x in range(len(a)):
         weights = c[x] + f[x]
         total = (a[x] + d[x]) / weights
         decided = ONE - (b[x] + e[x]) / weights
         total = total if total > NONE else NONE
-        occlusion[x] = total if total < ONE else ONE
+        a[x] = total if total < ONE else ONE
         decided = decided if decided > NONE else NONE
-        confidence[x] = decided if decided < ONE else ONE
+        b[x] = decided if decided < ONE else ONE
 
 
 @kernel
@@ -330,17 +330,18 @@ def _turn(source, y0, count, target):
             target[y, x] = source[x, y0 + y]
 
 
-def _turned(by_rows: Any, by_columns: Any, occlusion: Any, *_: Any) -> int:
-    return -(-len(occlusion) // TURNED)
+def _turned(by_rows: Any, by_columns: Any) -> int:
+    return -(-by_rows.shape[1] // TURNED)
 
 
 @shared_kernel(_turned)
-def finish(start, stop, by_rows, by_columns, occlusion, confidence):
-    """Means over all directions; the sums of the transposed frame are transposed back.
+def finish(start, stop, by_rows, by_columns):
+    """Means over all directions, in the place of the first two sums: occlusion and confidence.
 
-    Both are 0 where no direction has a sample near.
+    The sums of the transposed frame are transposed back. Both are 0 where no direction has a
+    sample near.
     """
-    rows, columns = occlusion.shape
+    _, rows, columns = by_rows.shape
     for band in range(start, stop):
         first = band * TURNED
         count = min(rows - first, TURNED)
@@ -348,5 +349,4 @@ def finish(start, stop, by_rows, by_columns, occlusion, confidence):
         for k in range(3):
             _turn(by_columns[k], first, count, turned[k])
         for y in range(count):
-            here = first + y
-            _finish_row(by_rows, turned, here, y, occlusion[here], confidence[here])
+            _finish_row(by_rows, turned, first + y, y)

@@ -51,6 +51,7 @@ bench: $(STAMP) ## Measure run time against error, with peers; writes benchmarks
 	$(BIN)/python benchmarks/skips.py
 	$(BIN)/python benchmarks/products.py
 	$(BIN)/python benchmarks/sky.py
+	$(BIN)/python benchmarks/threads.py
 	$(BIN)/python benchmarks/visibility.py
 	$(BIN)/python benchmarks/viewsheds.py
 	$(BIN)/python benchmarks/bounces.py

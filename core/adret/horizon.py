@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,7 @@ from adret.azimuths import azimuth_set
 from adret.errors import InputError
 from adret.horizon_options import NEAR_DEFAULT, HorizonOptions, Method
 from adret.report import RunReport, remember
+from adret.sweepers import Sweepers
 from adret.terrain import Terrain
 
 __all__ = [
@@ -279,27 +281,35 @@ class HorizonRun:
         large, with angles [radians] that are then yielded instead. `number` counts the layers, with
         those that `only` leaves out. Azimuths come grouped by octant, their list decides the order.
         """
-        slope = np.empty(self.terrain.shape if elevations is None else 0, np.float32)
-        engine = methods.ENGINES[self.options.method](self.terrain, self.options)
-        latest, same = None, skips.wanted("same azimuths")
-        for done, (number, k) in enumerate(self._order):
-            self.number = number
+        same = skips.wanted("same azimuths")
+        order = [k for _, k in self._order]
+        again = {b: a for a, b in pairwise(order) if same and self._twin_of[a] == self._twin_of[b]}
+        swept = [k for k in order if k not in again]
+
+        def fill(engine: methods.Engine, k: int, layer: NDArray[np.float32]) -> None:
             way = None if distances is None else distances[k]
-            slope = slope if elevations is None else elevations[k]
-            if latest is not None and self._twin_of[latest] == self._twin_of[k] and same:
-                self._same += 1
-                for stack in (s for s in (distances, elevations) if s is not None):
-                    stack[k] = stack[latest]
-            else:
-                for band in self._bands:
-                    direction = methods.Direction.of(float(self.azimuths[k]), band.cell_size)
-                    span = band.start, band.stop
-                    engine.fill(direction, slope, way, span, elevations is not None)
-            latest = k
-            self._left_out = engine.left_out
-            yield k, slope
-            if self._progress is not None:
-                self._progress(done + 1, len(self._order))
+            for band in self._bands:
+                direction = methods.Direction.of(float(self.azimuths[k]), band.cell_size)
+                span = band.start, band.stop
+                engine.fill(direction, layer, way, span, elevations is not None)
+
+        sweepers = Sweepers(self.terrain, self.options, len(swept))
+        found = sweepers.layers(swept, fill, None if elevations is None else list(elevations))
+        try:
+            for done, (number, k) in enumerate(self._order):
+                self.number = number
+                if k in again:
+                    self._same += 1
+                    for stack in (s for s in (distances, elevations) if s is not None):
+                        stack[k] = stack[again[k]]
+                else:
+                    latest = next(found)[1]
+                self._left_out = sweepers.left_out
+                yield k, latest if elevations is None else elevations[k]
+                if self._progress is not None:
+                    self._progress(done + 1, len(self._order))
+        finally:
+            found.close()
 
     def _skipped(self, dark: int) -> dict[str, int]:
         counts = {"dark azimuths": dark, "same azimuths": self._same, **self._left_out}

@@ -20,6 +20,7 @@ from adret.parameters import (
     ViewshedParameters,
     VisibilityParameters,
 )
+from adret.sweepers import own_bytes
 from adret.tiling import bounces
 from adret.tiling.jobs import Job
 from adret.tiling.tasks import TILE_CACHE, halo
@@ -181,7 +182,7 @@ def worker_bytes(job: Job, parameters: Parameters, threads: int) -> int:
         pad = min(max(near, 0 if margin is None else margin), max(seen))
         frame = (seen[0] + pad + 8) * (seen[1] + pad + 8)
         # Heights, and two frames: heights turned, and the layer that is raised.
-        swept = view * 4 + 2 * (frame * 4 + view * 4)
+        swept = view * 4 + 2 * (frame * 4 + view * 4) + own_bytes(view, threads)
     # A strip of rows as it is read: numbers, mask, metres in float64, and above the datum.
     strip = min(512, seen[0]) * seen[1] * (job.surface.item_size + 1 + 8 + 8)
     own = core[0] * core[1] * (1 + 4 + _own_bytes(parameters))

@@ -12,22 +12,23 @@ its corner, and the receiver's own quarters are empty.
 
 import numpy as np
 
-from adret._kernels.jit import greater, inline, kernel, parallel_kernel, prange
+from adret._kernels.jit import kernel, parallel_kernel, prange
 from adret._kernels.screen.ahead import all_empty, highest_ahead, may_rise
 from adret._kernels.screen.exact import LOOK, border
-from adret._kernels.screen.gaps import hide
 from adret._kernels.screen.intervals import advance, any_rose, close
+from adret._kernels.screen.shell_cells import (
+    SHELL_SIZE,
+    clear_gaps,
+    look_ahead,
+    pass_cell,
+    pass_step,
+)
 from adret._kernels.screen.slices import (
-    BASE,
-    HALF,
     HIGH,
     LANES,
     LOW,
     NORMAL_U,
     NORMAL_V,
-    ONE,
-    RAISED,
-    SIZE,
     UNKNOWN,
     ZERO,
     A,
@@ -43,175 +44,6 @@ from adret._kernels.screen.slices import (
 )
 
 ENDLESS = np.float32(np.inf)
-MINUS = np.float32(-np.inf)
-
-
-@inline
-def behind(h, thickness, perspective):
-    """Nearness of the back of a shell."""
-    return h / (1.0 + h * thickness) if perspective else h - thickness
-
-
-@inline
-def apart(a, b, thickness, perspective):
-    """Whether two nearnesses are not of one surface; NaN never is."""
-    gap = abs(1.0 / a - 1.0 / b) if perspective else abs(a - b)
-    return not gap <= thickness
-
-
-@inline
-def sampled(a, b, share, thickness, steep, other, perspective):
-    """Nearness between two pixels; that of the nearer one where the surface is broken."""
-    h = a + (b - a) * share
-    if apart(a, b, thickness + max(steep, other), perspective):
-        h = b if share > 0.5 else a
-    return h
-
-
-@inline
-def reach_of(base, old, h, way, here, thickness, perspective):
-    """Slopes from the back to the front of a stretch of surface between two ways."""
-    high = (h - base) / here
-    low = (behind(h, thickness, perspective) - base) / here
-    if way > ZERO:
-        high = max(high, (old - base) / way)
-        low = min(low, (behind(old, thickness, perspective) - base) / way)
-    else:
-        if old > base:
-            high = ENDLESS
-        if behind(old, thickness, perspective) < base:
-            low = MINUS
-    return low, high
-
-
-@kernel
-def pass_cell(
-    near, w, start, stop, at, o, p, q, corners, pieces, cuts, steep, line, j, thickness,
-    perspective, gaps, cosine, uniform, code, radius, scale, table,
-):  # fmt: skip
-    """Hide what the cell between samples j - 1 and j of a line hides from some receivers."""
-    k = j - 1
-    c0, c1, c2, c3 = at + corners[j, 0], at + corners[j, 1], at + corners[j, 2], at + corners[j, 3]
-    a0, a1, b0, b1 = at + o[j, 0], at + o[j, 3], at + o[k, 0], at + o[k, 3]
-    way, here = cuts[j, 0], cuts[j, 3]
-    share, old_share = q[j] * here, q[k] * way
-    between = HALF * (way + here)
-    first = k == line
-    for x in range(start, stop):
-        top = w[RAISED + x]
-        if not (first or w[HIGH + x] > top):
-            continue
-        base = w[BASE + x]
-        one, two, three, four = near[c0 + x], near[c1 + x], near[c2 + x], near[c3 + x]
-        far = min(min(one, two), min(three, four))
-        close_by = max(max(one, two), max(three, four))
-        known = one + two + three + four
-        whole = known == known and not apart(far, close_by, thickness, perspective)
-        if known == known and not whole:
-            slope = max(max(steep[c0 + x], steep[c1 + x]), max(steep[c2 + x], steep[c3 + x]))
-            whole = not apart(far, close_by, thickness + slope, perspective)
-        if whole:
-            h = near[a0 + x] + (near[a1 + x] - near[a0 + x]) * share
-            if first:
-                low = MINUS
-                high = (h - base) / here
-                beside = p[k] * near[b0 + x] + q[k] * near[b1 + x] - base * (p[k] + q[k])
-                if beside > top:
-                    hide(
-                        w, x, gaps, low, beside, ZERO, cosine, uniform, code, radius, scale, table
-                    )  # fmt: skip
-            else:
-                old = near[b0 + x] + (near[b1 + x] - near[b0 + x]) * old_share
-                low, high = reach_of(base, old, h, way, here, thickness, perspective)
-            if high > w[RAISED + x]:
-                hide(
-                    w, x, gaps, low, high, between, cosine, uniform, code, radius, scale, table
-                )  # fmt: skip
-            continue
-        for i in range(3):
-            out, back = cuts[j, i], cuts[j, i + 1]
-            h = near[at + pieces[j, i] + x]
-            if pieces[j, i] != 0 and back > out and h == h:
-                low, high = reach_of(base, h, h, out, back, thickness, perspective)
-                if high > w[RAISED + x]:
-                    hide(
-                        w, x, gaps, low, high, HALF * (out + back), cosine, uniform, code,
-                        radius, scale, table,
-                    )  # fmt: skip
-
-
-@kernel
-def pass_step(
-    near, w, start, stop, at, o, q, s, steep, j, thickness, perspective, gaps, cosine, uniform,
-    code, radius, scale, table,
-):  # fmt: skip
-    """Hide what lies between two samples that may be more than a pixel apart.
-
-    They are of one surface if the depth changes by less than thickness and steepness a pixel.
-    """
-    a0, a1, b0, b1 = at + o[j, 0], at + o[j, 3], at + o[j - 1, 0], at + o[j - 1, 3]
-    way, here = s[j - 1], s[j]
-    share, old_share = q[j] * here, q[j - 1] * way
-    middle = HALF * (way + here)
-    pixels = max(here - way, ONE)
-    for x in range(start, stop):
-        if not w[HIGH + x] > w[RAISED + x]:
-            continue
-        base = w[BASE + x]
-        u, v = steep[b0 + x], steep[b1 + x]
-        old = sampled(near[b0 + x], near[b1 + x], old_share, thickness, u, v, perspective)
-        slope = max(u, v)
-        u, v = steep[a0 + x], steep[a1 + x]
-        h = sampled(near[a0 + x], near[a1 + x], share, thickness, u, v, perspective)
-        slope = max(slope, max(u, v))
-        if not apart(h, old, pixels * (thickness + slope), perspective):
-            low, high = reach_of(base, old, h, way, here, thickness, perspective)
-            hide(w, x, gaps, low, high, middle, cosine, uniform, code, radius, scale, table)
-            continue
-        if old == old:
-            low, high = reach_of(base, old, old, way, middle, thickness, perspective)
-            between = HALF * (way + middle)
-            hide(w, x, gaps, low, high, between, cosine, uniform, code, radius, scale, table)
-        if h == h:
-            low, high = reach_of(base, h, h, middle, here, thickness, perspective)
-            between = HALF * (middle + here)
-            hide(w, x, gaps, low, high, between, cosine, uniform, code, radius, scale, table)
-
-
-@inline
-def highest(h, base, one, two, s):
-    """The larger of s and of the slopes to nearness h at two ways (as 1 over each)."""
-    rise = h - base
-    return greater(greater(rise * one, rise * two), s)
-
-
-@kernel
-def could_rise(a, b, c, d, base, raised, out, one, two):
-    """Fill `out` with what slopes of four nearnesses may rise to between two ways."""
-    for x in range(len(base)):
-        h = base[x]
-        s = highest(a[x], h, one, two, raised[x])
-        s = highest(b[x], h, one, two, s)
-        s = highest(c[x], h, one, two, s)
-        out[x] = highest(d[x], h, one, two, s)
-
-
-@kernel
-def look_ahead(near, w, low, high, at, corners, cuts, j):
-    """Fill `HIGH` of receivers low to high - 1: what their horizons may rise to by cell j."""
-    at += low
-    n = high - low
-    could_rise(
-        near[at + corners[j, 0] : at + corners[j, 0] + n],
-        near[at + corners[j, 1] : at + corners[j, 1] + n],
-        near[at + corners[j, 2] : at + corners[j, 2] + n],
-        near[at + corners[j, 3] : at + corners[j, 3] + n],
-        w[BASE + low : BASE + high],
-        w[RAISED + low : RAISED + high],
-        w[HIGH + low : HIGH + high],
-        ONE / cuts[j, 0],
-        ONE / cuts[j, 3],
-    )
 
 
 @kernel
@@ -244,17 +76,20 @@ def go_out(
     Tells whether it was given up because nothing ahead can rise above the horizons.
     """
     look = ZERO
-    for x in range(n):
-        gaps[x, 0] = ZERO
+    clear_gaps(w, gaps)
     before = ZERO
     seen = True
     j = line + 1
     while j < stop:
         low, high = in_image(shape, tile, width, row, column, n, o, j)
         if high > low:
-            if j > line + 1:
-                look_ahead(near, w, low, high, at, corners, cuts, j)
-            if pieces[j, 0] == 0 and pieces[j, 2] == 0:
+            rises = look_ahead(near, w, low, high, at, corners, cuts, j)
+            if j == line + 1:
+                w[HIGH + low : HIGH + high] = ENDLESS
+                rises = True
+            if not rises:
+                pass
+            elif pieces[j, 0] == 0 and pieces[j, 2] == 0:
                 pass_step(
                     near, w, low, high, at, o, q, s, steep, j, thickness, perspective, gaps,
                     cosine, uniform, code, radius, scale, table,
@@ -305,7 +140,7 @@ def shell_row(
     flat = near.reshape(near.size)
     ax, ay = np.float32(rays[0]), np.float32(rays[2])
     i = row - frame[0]
-    w = np.empty(SIZE, dtype=np.float32)
+    w = np.empty(SHELL_SIZE, dtype=np.float32)
     gaps = np.empty((LANES, 6 * longest + 3), dtype=np.float32)
     given_up[i] = 0
     for phase in range(tile):

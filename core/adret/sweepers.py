@@ -20,16 +20,19 @@ from adret.terrain import Terrain
 __all__ = ["Sweepers", "own_bytes"]
 
 MEMORY = 64 * 2**20
-"""What a thread may take for frame and layers of its own [bytes]."""
-LAYERS = 4  # a frame's heights, the layer that is swept in it, one waiting and one in use
+"""What a thread may take for frames and layers of its own [bytes]."""
 LEAST_SHARE = 0.75  # of the threads busy on average: 3 azimuths of 2 threads are as many as 4
 
 Fill = Callable[[methods.Engine, int, Layer], None]
 
 
-def own_bytes(cells: int, threads: int) -> int:
-    """What threads take together that sweep azimuths of their own, 0 where they share kernels."""
-    each = LAYERS * 4 * cells
+def own_bytes(cells: int, threads: int, bands: int = 1) -> int:
+    """What threads take together that sweep azimuths of their own, 0 where they share kernels.
+
+    An engine keeps a frame, or two where a geographic raster has latitude bands: turned heights and
+    the layer that is swept in them. Of the layers that it hands out one waits and one is in use.
+    """
+    each = (2 * min(bands, 2) + 2) * 4 * cells
     return threads * each if threads > 1 and each <= MEMORY else 0
 
 
@@ -47,7 +50,8 @@ class Sweepers:
     def __init__(self, terrain: Terrain, options: HorizonOptions, count: int) -> None:
         threads = jit.threads()
         rounds = -(-count // threads)
-        room = own_bytes(terrain.view.heights.size, threads) and terrain.view.frames is None
+        bands = len(terrain.latitude_bands(methods.MAX_AZIMUTH_ERROR))
+        room = own_bytes(terrain.view.heights.size, threads, bands) and terrain.view.frames is None
         together = room and options.method == "sweep" and count >= LEAST_SHARE * threads * rounds
         self._shape = terrain.shape
         self._engines = [

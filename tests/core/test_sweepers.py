@@ -62,9 +62,10 @@ def test_threads_have_azimuths_of_their_own_where_they_fit(two_threads, monkeypa
     assert engines(terrain, 3) == 2  # 1.5 of 2 threads are busy
     assert engines(terrain, 1) == 1
     assert engines(terrain, 16, method="exact") == 1
-    assert sweepers.own_bytes(terrain.heights.size, 2) == 2 * sweepers.LAYERS * 4 * 60 * 80
+    assert sweepers.own_bytes(terrain.heights.size, 2) == 2 * 16 * 60 * 80
     assert sweepers.own_bytes(terrain.heights.size, 1) == 0
-    monkeypatch.setattr(sweepers, "MEMORY", sweepers.LAYERS * 4 * 60 * 80 - 1)
+    assert sweepers.own_bytes(terrain.heights.size, 2, bands=7) == 2 * 24 * 60 * 80
+    monkeypatch.setattr(sweepers, "MEMORY", 16 * 60 * 80 - 1)
     assert engines(terrain, 16) == 1
     assert sweepers.own_bytes(terrain.heights.size, 2) == 0
 

@@ -6,6 +6,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from adret import methods
 from adret.errors import InputError
 from adret.parameters import (
     BodyParameters,
@@ -182,7 +183,8 @@ def worker_bytes(job: Job, parameters: Parameters, threads: int) -> int:
         pad = min(max(near, 0 if margin is None else margin), max(seen))
         frame = (seen[0] + pad + 8) * (seen[1] + pad + 8)
         # Heights, and two frames: heights turned, and the layer that is raised.
-        swept = view * 4 + 2 * (frame * 4 + view * 4) + own_bytes(view, threads)
+        bands = len(job.surface.grid.bands(0, rows, methods.MAX_AZIMUTH_ERROR))
+        swept = view * 4 + 2 * (frame * 4 + view * 4) + own_bytes(view, threads, bands)
     # A strip of rows as it is read: numbers, mask, metres in float64, and above the datum.
     strip = min(512, seen[0]) * seen[1] * (job.surface.item_size + 1 + 8 + 8)
     own = core[0] * core[1] * (1 + 4 + _own_bytes(parameters))

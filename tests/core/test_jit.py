@@ -2,7 +2,11 @@ import os
 import re
 import subprocess
 import sys
+import threading
 from pathlib import Path
+
+import numpy as np
+from numba.core.compiler_lock import global_compiler_lock
 
 from adret._kernels import jit
 
@@ -68,3 +72,28 @@ def test_without_a_folder_to_write_kernels_are_compiled_and_one_line_says_so() -
     assert len(lines) == 1
     assert "/proc/nonexistent/adret/numba" in lines[0]
     assert "NUMBA_CACHE_DIR" in lines[0]
+
+
+def test_types_are_looked_up_and_kernels_compiled_by_one_thread_at_a_time() -> None:
+    """Numba fills the tables of types while it loads extensions, outside of its own lock."""
+
+    def twice(number, out):  # type: ignore[no-untyped-def]
+        out[0] = 2 * number[0]
+
+    kernel, out, done = jit.kernel(twice), np.zeros(1), threading.Event()
+
+    def call() -> None:
+        kernel((3.0, "unseen"), out)
+        done.set()
+
+    hook = kernel._compilation_chain_init_hook
+    loaded = threading.Event()
+    kernel._compilation_chain_init_hook = lambda: (loaded.set(), hook())
+    with global_compiler_lock:
+        other = threading.Thread(target=call)
+        other.start()
+        assert not done.wait(0.3)
+        assert not loaded.is_set()
+    other.join()
+    assert loaded.is_set()
+    assert out[0] == 6.0

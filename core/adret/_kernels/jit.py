@@ -19,7 +19,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, wraps
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from typing import Any
 import numba
 from llvmlite import ir
 from numba.core import caching, entrypoints, event, types
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.runtime import rtsys
 from numba.extending import intrinsic
 
@@ -143,6 +144,8 @@ def _compile(function: Callable[..., Any], **flags: Any) -> Any:
     package, _, module = function.__module__.partition("_kernels.")
     found = numba.config.CACHE_DIR
     compiled = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **flags)(function)
+    for name in ("_compile_for_args", "typeof_pyval"):
+        setattr(compiled, name, _one_at_a_time(getattr(compiled, name)))
     if package == "adret.":
         folder = _cache_folder(module)
         if not folder:  # Numba would look for a place of its own, and fail where there is none
@@ -153,6 +156,21 @@ def _compile(function: Callable[..., Any], **flags: Any) -> Any:
         return compiled
     finally:
         numba.config.CACHE_DIR = found
+
+
+def _one_at_a_time(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Call a method of a dispatcher under the compiler's lock.
+
+    Numba takes that lock to compile, yet not while it loads other packages' extensions before, or
+    looks up an argument's type: a thread that does so then reads the tables that another fills.
+    """
+
+    @wraps(method)
+    def locked(*arguments: Any, **options: Any) -> Any:
+        with global_compiler_lock:
+            return method(*arguments, **options)
+
+    return locked
 
 
 def _load_tbb() -> None:

@@ -223,7 +223,7 @@ def shades(terrain: adret.Terrain, dem: Path, folder: str) -> list[Entry]:
         a, e = np.radians([azimuth, elevation])
         exact = adret.horizon_map(terrain, azimuths=[a], method="exact").elevation[0]
         truth.append(exact >= e)
-        height.append(np.abs(exact - e))
+        height.append(np.abs(np.maximum(exact, 0.0) - e))
         facing.append(up * np.tan(e) + east * np.sin(a) + north * np.cos(a) > 0.0)
     levels = levels_of(terrain.heights)
 

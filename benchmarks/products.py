@@ -173,7 +173,7 @@ def table(results: dict[str, Any]) -> str:
 def main() -> None:
     """Measure all and write the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--times", action="store_true", help="measure no memory")
     parser.add_argument("--peak", nargs=3, help="scene, product and near: print one peak")
     options = parser.parse_args()

@@ -26,7 +26,7 @@ import adret
 from adret._kernels import jit
 
 RESULTS = Path(__file__).parent / "results"
-TURNS = 5
+TURNS = 3
 DIRECTIONS = 16
 ARITHMETIC = "x = 1\nfor i in range(12_000_000): x = x * 3 & 0xFFFFFF"
 

@@ -28,8 +28,8 @@ from present import about
 import adret
 from adret._kernels.frames import to_elevation
 from adret.accuracy import near_for
-from adret.horizon import HorizonRun
 from adret.horizon_options import HorizonOptions
+from adret.horizon_run import HorizonRun
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 RESULTS = Path(__file__).parent / "results"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from adret import methods
 from adret._kernels.frames import to_elevation
 from adret.horizon_options import HorizonOptions
+from adret.horizon_run import HorizonRun
 from adret.terrain import Terrain
 
 __all__ = ["PILOT", "RATIOS", "near_for"]
@@ -79,8 +80,6 @@ def near_for(
 
 def _pilot_error(terrain: Terrain, azimuths: NDArray[np.float64], options: HorizonOptions) -> float:
     """Mean of |error| of a sweep [degrees] at some cells, towards some of the azimuths."""
-    from adret.horizon import HorizonRun
-
     rng = np.random.default_rng(0)
     some = _some(azimuths)
     here = np.flatnonzero(~terrain.mask)

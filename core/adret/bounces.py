@@ -11,7 +11,8 @@ from adret._values import real
 from adret.azimuths import azimuth_set
 from adret.bounce_bounds import Maxima, Rest, left_out
 from adret.errors import InputError
-from adret.horizon import NEAR_DEFAULT, HorizonOptions, Progress
+from adret.horizon import NEAR_DEFAULT, HorizonOptions
+from adret.horizon_run import Progress
 from adret.light import Light, direct_light, reflectance
 from adret.report import RunReport, remember
 from adret.slices import Sky

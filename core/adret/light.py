@@ -13,8 +13,9 @@ from adret._kernels import normals as normal_kernels
 from adret._summaries import summary
 from adret.azimuths import azimuth_set
 from adret.errors import InputError
-from adret.horizon import HorizonOptions, HorizonRun, Progress
+from adret.horizon import HorizonOptions
 from adret.horizon_keywords import HorizonKeywords
+from adret.horizon_run import HorizonRun, Progress
 from adret.layer_sum import LayerSum
 from adret.nested_azimuths import (
     FIRST,

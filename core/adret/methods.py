@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,16 @@ def smallest_cell(terrain: Terrain) -> float:
     return min(min(band.cell_size) for band in terrain.latitude_bands(MAX_AZIMUTH_ERROR))
 
 
+class Target(NamedTuple):
+    """Layers that a horizon is written to, and the raster rows (start, stop) of them."""
+
+    slope: Layer
+    distance: Layer | None
+    rows: tuple[int, int]
+    angles: bool
+    """Whether `slope` gets elevations [radians], not their tangents."""
+
+
 class Engine(Protocol):
     """Fills rows of a slope layer, and of a distance layer where one is given."""
 
@@ -47,18 +57,8 @@ class Engine(Protocol):
 
     def __init__(self, terrain: Terrain, options: "HorizonOptions") -> None: ...
 
-    def fill(
-        self,
-        direction: Direction,
-        slope: Layer,
-        distance: Layer | None,
-        rows: tuple[int, int],
-        angles: bool = False,
-    ) -> None:
-        """Write the horizon towards `direction` for raster rows start..stop.
-
-        `slope` gets the tangents of elevations, or with `angles` the elevations [radians].
-        """
+    def fill(self, direction: Direction, target: Target) -> None:
+        """Write the horizon towards `direction`."""
 
 
 class _Framed:
@@ -102,15 +102,9 @@ class _Framed:
 class Sweep(_Framed):
     """Exact near field joined to a hull-swept far field."""
 
-    def fill(
-        self,
-        direction: Direction,
-        slope: Layer,
-        distance: Layer | None,
-        rows: tuple[int, int],
-        angles: bool = False,
-    ) -> None:
+    def fill(self, direction: Direction, target: Target) -> None:
         """Write rows of the layer; see `SweepFrame.horizon`."""
+        slope, distance, rows, angles = target
         o = self.options
         self.frame(direction.orientation, o.near, self._reach).horizon(
             direction,
@@ -128,15 +122,9 @@ class Sweep(_Framed):
 class March(_Framed):
     """One sample a step along each cell's own ray."""
 
-    def fill(
-        self,
-        direction: Direction,
-        slope: Layer,
-        distance: Layer | None,
-        rows: tuple[int, int],
-        angles: bool = False,
-    ) -> None:
+    def fill(self, direction: Direction, target: Target) -> None:
         """Write rows of the layer; see `SweepFrame.march`."""
+        slope, _, rows, angles = target
         o = self.options
         self.frame(direction.orientation, 0, 0).march(
             direction,
@@ -159,16 +147,9 @@ class Exact:
         self.options = options
         self._top = _top(terrain)
 
-    def fill(
-        self,
-        direction: Direction,
-        slope: Layer,
-        distance: Layer | None,
-        rows: tuple[int, int],
-        angles: bool = False,
-    ) -> None:
+    def fill(self, direction: Direction, target: Target) -> None:
         """Write rows of the layer."""
-        start, stop = rows
+        slope, distance, (start, stop), angles = target
         way = np.empty_like(slope) if distance is None else distance
         ended = np.zeros(stop - start, np.int64)
         exact_layer(
@@ -209,15 +190,9 @@ class Hull:
         self.left_out: Counter[str] = Counter()
         self.options = options
 
-    def fill(
-        self,
-        direction: Direction,
-        slope: Layer,
-        distance: Layer | None,
-        rows: tuple[int, int],
-        angles: bool = False,
-    ) -> None:
+    def fill(self, direction: Direction, target: Target) -> None:
         """Write rows of the layer: sweep all lines, then look each cell up."""
+        slope, _, (start, stop), angles = target
         n, m = self.heights.shape
         dy, dx = direction.cell_size[1], direction.cell_size[0]
         north, east = -direction.along_row * dy, direction.along_column * dx
@@ -240,7 +215,6 @@ class Hull:
             self.options.observer_height,
             buffer,
         )
-        start, stop = rows
         look_up(
             buffer,
             centre,

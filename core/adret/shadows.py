@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from adret._kernels import shadows as kernels
 from adret._summaries import summary
 from adret.errors import InputError
-from adret.horizon import HorizonOptions, HorizonRun, Progress
+from adret.horizon import HorizonOptions
 from adret.horizon_keywords import HorizonKeywords
+from adret.horizon_run import HorizonRun, Progress
 from adret.layer_sum import LayerSum
 from adret.light import lit_slices
 from adret.normals import surface_slopes

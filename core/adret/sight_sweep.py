@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from adret._kernels import horizon_integrals
 from adret._kernels import sight_rays as kernels
-from adret.horizon import HorizonOptions, Progress
+from adret.horizon import HorizonOptions
+from adret.horizon_run import Progress
 from adret.layer_sum import LayerSum
 from adret.methods import MAX_AZIMUTH_ERROR
 from adret.normals import surface_slopes

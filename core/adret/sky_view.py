@@ -11,8 +11,9 @@ from adret._kernels import horizon_integrals as kernels
 from adret._values import one_of, whole
 from adret.azimuths import azimuth_set
 from adret.errors import InputError
-from adret.horizon import HorizonMap, HorizonOptions, HorizonRun, Progress
+from adret.horizon import HorizonMap, HorizonOptions
 from adret.horizon_keywords import HorizonKeywords
+from adret.horizon_run import HorizonRun, Progress
 from adret.layer_sum import LayerSum
 from adret.nested_azimuths import Directions, automatic, between, report_of, settled
 from adret.normals import surface_slopes

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from adret._summaries import summary
 from adret.azimuths import azimuth_set
 from adret.errors import InputError
-from adret.horizon import HorizonOptions, Progress
+from adret.horizon import HorizonOptions
+from adret.horizon_run import Progress
 from adret.methods import MAX_AZIMUTH_ERROR
 from adret.sight_frames import SightFrame
 from adret.sight_rays import NEAR, Sight, SightMethod

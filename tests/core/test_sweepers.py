@@ -1,6 +1,7 @@
 """Azimuths side by side: the bytes of one thread, and no thread that outlives its run."""
 
 import threading
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -92,3 +93,16 @@ def test_what_goes_wrong_in_a_thread_is_told(two_threads):
     assert [float(next(found)[1][0, 0]) for _ in range(2)] == [0.0, 1.0]
     with pytest.raises(MemoryError, match="no room"):
         next(found)
+
+
+def test_what_was_left_out_is_counted_when_no_thread_sweeps_any_more(two_threads, monkeypatch):
+    sweeping = []
+
+    def left_out(self: sweepers.Sweepers) -> Counter[str]:
+        names = [thread.name for thread in threading.enumerate()]
+        sweeping.extend(name for name in names if name.startswith("adret-sweep"))
+        return Counter(read=1)
+
+    monkeypatch.setattr(sweepers.Sweepers, "left_out", property(left_out))
+    assert adret.horizon_map(hills(), 16, near=4).report.skipped == {"read": 1}
+    assert not sweeping

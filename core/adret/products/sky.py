@@ -28,7 +28,8 @@ ANGLE_NODATA = 65535
 
 def horizon(terrain: "Terrain", parameters: HorizonParameters, progress: Progress | None) -> Result:
     from adret._kernels.frames import to_elevation
-    from adret.horizon import HorizonOptions, horizon_slopes
+    from adret.horizon import HorizonOptions
+    from adret.horizon_run import horizon_slopes
 
     given = parameters.azimuths_deg
     azimuths = azimuth_set(parameters.directions, None if given is None else np.radians(given))

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, get_args
 
@@ -192,15 +192,23 @@ def peer(name: str, needs: str, dem: Path, folder: str) -> Any:
         return {key: file[key] for key in file.files}
 
 
-def peer_views(cells: Cells, dem: Path, folder: str) -> list[Entry]:
-    """Other tools' sky views; one that tells no definition is held against the nearest of ours."""
-    found = []
-    for name, (needs, _) in sky_peers.SKY.items():
+def found_by(
+    tools: dict[str, Any], dem: Path, folder: str, left_out: list[Entry]
+) -> Iterator[tuple[str, Any]]:
+    """Name and result of each tool that is here; the others go to `left_out`, with the reason."""
+    for name, (needs, _) in tools.items():
         result = peer(name, needs, dem, folder)
         if isinstance(result, str):
             print(f"  {name}: left out, {result}", flush=True)
-            found.append({"series": name, "left_out": result})
-            continue
+            left_out.append({"series": name, "left_out": result})
+        else:
+            yield name, result
+
+
+def peer_views(cells: Cells, dem: Path, folder: str) -> list[Entry]:
+    """Other tools' sky views; one that tells no definition is held against the nearest of ours."""
+    found = []
+    for name, result in found_by(sky_peers.SKY, dem, folder, found):
         for said, layer in zip(result["views"], result["sky"], strict=True):
             values = cells.of(layer)
             view = str(said)
@@ -268,12 +276,7 @@ def shades(terrain: adret.Terrain, dem: Path, folder: str) -> list[Entry]:
             ]
 
         found.append(verdicts("pyramid", f"{span} an octave", *timed(march, 1)))
-    for name, (needs, _) in sky_peers.SHADE.items():
-        result = peer(name, needs, dem, folder)
-        if isinstance(result, str):
-            print(f"  {name}: left out, {result}", flush=True)
-            found.append({"series": name, "left_out": result})
-            continue
+    for name, result in found_by(sky_peers.SHADE, dem, folder, found):
         spent, version = float(result["cpu_seconds"]), str(result["version"])
         found.append(verdicts(name, "", spent, result["shade"], version=version))
     return found

@@ -32,61 +32,49 @@ def _bands(source: Any, target: Any, *_: Any) -> int:
     return -(-len(target) // TILE)
 
 
+@helper
+def _turn_band(source, target, i0, i1, swap, flip_rows, flip_columns):
+    n, m = target.shape
+    if swap:
+        for j0 in range(0, m, TILE):
+            j1 = min(m, j0 + TILE)
+            _transpose_tile(source, target, i0, i1, j0, j1, flip_rows, flip_columns)
+        return
+    for i in range(i0, i1):
+        line = source[n - 1 - i if flip_rows else i]
+        row = target[i]
+        if flip_columns:
+            for j in range(m):
+                row[index(j)] = line[index(m - 1 - j)]
+        else:
+            for j in range(m):
+                row[index(j)] = line[index(j)]
+
+
 @shared_kernel(_bands)
 def copy_oriented(start, stop, source, target, swap, flip_rows, flip_columns):
     """Fill `target` with `source`, transposed if `swap`, then flipped along target rows, columns.
 
     ``target[i, j] = source'[i or n-1-i, j or m-1-j]`` where source' is source or its transpose.
     """
-    n, m = target.shape
-    for band in range(start, stop):
-        i0 = band * TILE
-        i1 = min(n, i0 + TILE)
-        if swap:
-            for j0 in range(0, m, TILE):
-                j1 = min(m, j0 + TILE)
-                _transpose_tile(source, target, i0, i1, j0, j1, flip_rows, flip_columns)
-            continue
-        for i in range(i0, i1):
-            line = source[n - 1 - i if flip_rows else i]
-            row = target[i]
-            if flip_columns:
-                for j in range(m):
-                    row[index(j)] = line[index(m - 1 - j)]
-            else:
-                for j in range(m):
-                    row[index(j)] = line[index(j)]
+    for i0 in range(start * TILE, min(stop * TILE, len(target)), TILE):
+        i1 = min(len(target), i0 + TILE)
+        _turn_band(source, target, i0, i1, swap, flip_rows, flip_columns)
 
 
 @shared_kernel(_bands)
 def angles_oriented(start, stop, source, target, swap, flip_rows, flip_columns):
     """As `copy_oriented`, of slopes, and write their elevation angles [radians].
 
-    Angles are taken where the slopes lie when they are turned, in the nearest cache: one pass over
-    memory instead of two.
+    A band's angles are taken while it is in the cache: one pass over memory instead of two.
     """
-    n, m = target.shape
-    for band in range(start, stop):
-        i0 = band * TILE
-        i1 = min(n, i0 + TILE)
-        if swap:
-            for j0 in range(0, m, TILE):
-                j1 = min(m, j0 + TILE)
-                _transpose_tile(source, target, i0, i1, j0, j1, flip_rows, flip_columns)
-                for i in range(i0, i1):
-                    part = target[i, j0:j1]
-                    for j in range(len(part)):
-                        part[j] = atan_slope(part[j])
-            continue
+    for i0 in range(start * TILE, min(stop * TILE, len(target)), TILE):
+        i1 = min(len(target), i0 + TILE)
+        _turn_band(source, target, i0, i1, swap, flip_rows, flip_columns)
         for i in range(i0, i1):
-            line = source[n - 1 - i if flip_rows else i]
             row = target[i]
-            if flip_columns:
-                for j in range(m):
-                    row[index(j)] = atan_slope(line[index(m - 1 - j)])
-            else:
-                for j in range(m):
-                    row[index(j)] = atan_slope(line[index(j)])
+            for j in range(len(row)):
+                row[j] = atan_slope(row[j])
 
 
 @shared_kernel(first_rows)

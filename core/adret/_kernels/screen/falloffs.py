@@ -27,3 +27,15 @@ def weight(code, radius, scale, table, d):
         low = min(np.int64(at), len(table) - 2)
         w = table[low] + (at - low) * (table[low + 1] - table[low])
     return w
+
+
+@inline
+def in_singles(falloff):
+    """Give the five numbers of a rational falloff (see `lsao_hulls.cast`) as float32."""
+    return (
+        np.float32(falloff[0]),
+        np.float32(falloff[1]),
+        np.float32(falloff[2]),
+        np.float32(falloff[3]),
+        np.float32(falloff[4]),
+    )

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from adret._kernels.jit import kernel, shared_kernel
+from adret._kernels.screen.falloffs import in_singles
 from adret._kernels.screen.lsao_hulls import (
     BOTTOM,
     FIRST,
@@ -100,13 +101,7 @@ def _sweep_strip(
     sizes = np.full(STRIP, FIRST)
     verdicts = np.zeros(VERDICTS, np.int32)
     peaks = np.full(KEPT if beside else 0, np.nan)
-    short = (
-        np.float32(falloff[0]),
-        np.float32(falloff[1]),
-        np.float32(falloff[2]),
-        np.float32(falloff[3]),
-        np.float32(falloff[4]),
-    )
+    short = in_singles(falloff)
     for i in range(len(rows)):
         row, shift, blend = rows[i], shifts[i], blends[i]
         if beside:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from adret._kernels.jit import index, kernel, shared_kernel
-from adret._kernels.screen.falloffs import TABLE, weight
+from adret._kernels.screen.falloffs import TABLE, in_singles, weight
 from adret._kernels.vectors import turn_eight
 
 FAR = np.float32(1e18)  # its square is a float32, too
@@ -162,13 +162,7 @@ def _gather_band(
     places = np.empty(width, np.float32)
     for x in range(width):
         places[x] = np.float32(x)
-    short = (
-        np.float32(falloff[0]),
-        np.float32(falloff[1]),
-        np.float32(falloff[2]),
-        np.float32(falloff[3]),
-        np.float32(falloff[4]),
-    )
+    short = in_singles(falloff)
     looked_up = -1
     down, slant, step = ways
     for y in range(begin, end):

@@ -91,8 +91,8 @@ def check_output(
     Raises
     ------
     RasterError
-        If the folder is missing or not writable, if the file exists and `overwrite` is false, or
-        if it is one of the inputs.
+        If the folder is missing or not writable, if the file exists and `overwrite` is false, if
+        it is no regular file (it would be replaced, not written to), or one of the inputs.
     """
     given = os.fspath(path)
     _refuse_virtual(given, field)
@@ -104,6 +104,8 @@ def check_output(
         raise RasterError(field, "another file than the input", given)
     if absolute.is_dir():
         raise RasterError(field, "a file name, not a folder", given)
+    if absolute.exists() and not absolute.is_file():
+        raise RasterError(field, "a regular file, not a device, pipe or socket", given)
     if not absolute.parent.is_dir():
         raise RasterError(field, "in a folder that exists", given)
     if not os.access(absolute.parent, os.W_OK | os.X_OK):

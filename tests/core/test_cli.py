@@ -257,6 +257,18 @@ def test_overwrite_replaces_what_is_there(run: Run, dem: Path, tmp_path: Path) -
         assert source.count == 1
 
 
+@pytest.mark.parametrize("option", ["OUT", "--preview"])
+def test_a_pipe_is_never_replaced(option: str, run: Run, dem: Path, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.png"
+    os.mkfifo(pipe)
+    out = [pipe] if option == "OUT" else [tmp_path / "sky.tif", "--preview", pipe]
+    done = run("sky", dem, *out, "--directions", "4", "--overwrite")
+    assert done.code == 2
+    assert "must be a regular file, not a device, pipe or socket, got" in done.err
+    assert pipe.is_fifo()
+    assert sorted(os.listdir(tmp_path)) == ["dem.tif", "pipe.png"]
+
+
 @pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), MemoryError()])
 def test_a_machine_that_fails_gives_one_line_and_code_one(
     failure: Exception, run: Run, dem: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

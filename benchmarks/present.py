@@ -110,7 +110,7 @@ def plot(results: dict[str, Any], path: Path) -> None:
 
     rasters = results["rasters"]
     figure, axes = pyplot.subplots(
-        1, len(rasters), figsize=(6.4 * len(rasters), 4.8), squeeze=False, layout="constrained"
+        1, len(rasters), figsize=(7.0 * len(rasters), 5.6), squeeze=False, layout="constrained"
     )
     for axis, raster in zip(axes[0], rasters, strict=True):
         entries = [e for e in raster["entries"] if e.get("mean_deg", 0.0) > 0.0]
@@ -138,6 +138,6 @@ def plot(results: dict[str, Any], path: Path) -> None:
         axis.set_ylabel("mean error of the horizon [degrees]")
         axis.set_title(raster["name"])
         axis.grid(True, which="both", alpha=0.25)
-        axis.legend(fontsize=8)
+        axis.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncol=3)
     figure.savefig(path, dpi=120)
     pyplot.close(figure)

@@ -26,8 +26,8 @@ import adret
 from adret._kernels import jit
 
 RESULTS = Path(__file__).parent / "results"
-TURNS = 3
-DIRECTIONS = 16
+TURNS = 5
+DIRECTIONS = 64
 ARITHMETIC = "x = 1\nfor i in range(12_000_000): x = x * 3 & 0xFFFFFF"
 
 Work = Callable[[adret.Terrain], Any]
@@ -83,7 +83,7 @@ def scenes() -> dict[str, adret.Terrain]:
         "Big Tujunga, 1197 x 643": adret.Terrain.open(
             folder / "dem" / "alpine_bigtujunga_srtm1_utm11_30m.tif"
         ),
-        "Moon, 2048 x 2048": adret.Terrain.open(moon, window=((1000, 3048), (1000, 3048))),
+        "Moon, 1000 x 1000": adret.Terrain.open(moon, window=((1500, 2500), (1500, 2500))),
     }
 
 

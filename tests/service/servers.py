@@ -183,12 +183,15 @@ def freeze(pid: int, data: Path) -> None:
 
 
 def descendants(pid: int) -> list[int]:
-    """Process ids of the children of a process, and of theirs."""
-    found: list[int] = []
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in map(int, task.read_text().split()):
-            found += [child, *descendants(child)]
-    return found
+    """Process ids of the children of a process, and of theirs; threads may end meanwhile."""
+    ended = contextlib.suppress(FileNotFoundError, ProcessLookupError)
+    children: list[int] = []
+    with ended:
+        for task in os.listdir(f"/proc/{pid}/task"):
+            with ended:
+                text = Path(f"/proc/{pid}/task/{task}/children").read_text()
+                children += map(int, text.split())
+    return [each for child in children for each in (child, *descendants(child))]
 
 
 def gone(pid: int) -> bool:

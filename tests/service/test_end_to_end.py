@@ -117,7 +117,7 @@ def busy(pid: int) -> bool:
     def ticks() -> int:
         try:
             fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-        except FileNotFoundError:
+        except (FileNotFoundError, ProcessLookupError):
             return 0
         return int(fields[11]) + int(fields[12])
 

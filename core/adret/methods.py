@@ -11,6 +11,7 @@ from adret import skips
 from adret._kernels.exact_march import exact_at, exact_layer
 from adret._kernels.frames import to_elevation
 from adret._kernels.line_hull import look_up, sweep_lines
+from adret.blocks import Blocks
 from adret.errors import InputError
 from adret.sweep import POOL, Direction, Layer, Orientation, Receivers, SweepFrame
 from adret.terrain import Terrain
@@ -68,6 +69,7 @@ class _Framed:
         self.terrain = terrain
         self.options = options
         self._frames: dict[Orientation, SweepFrame] = {}
+        self._blocks: Blocks | None = None  # a mapped file is not read as a whole
         self.left_out: Counter[str] = Counter()
         bands = terrain.latitude_bands(MAX_AZIMUTH_ERROR)
         self._kept = min(len(bands), 2)
@@ -80,6 +82,8 @@ class _Framed:
             if len(self._frames) >= self._kept:
                 spare = self._frames.pop(next(iter(self._frames)))
             seen, top, left, stored = self.terrain.view
+            if stored is None and self._blocks is None:
+                self._blocks = Blocks.of(seen)
             row, column = self.terrain.origin
             self._frames[orientation] = SweepFrame(
                 seen,
@@ -87,6 +91,7 @@ class _Framed:
                 near,
                 reach,
                 (row - top, column - left),
+                self._blocks,
                 Receivers(top, left, *self.terrain.shape),
                 stored,
                 spare,

@@ -19,6 +19,8 @@ SKIPS: dict[str, str] = {
     "far edge": "receivers that not even the highest point of the raster's edge could raise",
     "far field": "receivers of azimuths whose far field cannot rise over the near horizon",
     "far fields of small radii": "far-field intervals where a radius is less than a pixel",
+    "level ground": "receivers whose near field is level, in blocks: they see their own height",
+    "nodata": "receivers without data, in blocks",
     "same azimuths": "azimuths given more than once",
 }
 """Skip -> what is left out."""

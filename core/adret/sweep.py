@@ -21,6 +21,7 @@ from adret._kernels.hull_window import hull_sweep_within
 from adret._kernels.march import march
 from adret._kernels.near_field import near_field, near_field_distance
 from adret._kernels.raster_edge import raise_by_edge
+from adret.blocks import Blocks
 from adret.directions import POOL, SNAP, Direction, Layer, Orientation, stencil
 from adret.grids import Frames
 
@@ -60,6 +61,8 @@ class SweepFrame:
     origin : (int, int)
         Row and column of the first cell in the raster that `heights` was cut from: lines, pools
         and blocks of the far field are anchored there.
+    blocks : Blocks, optional
+        Of `heights`: what need not be looked at.
     receivers : Receivers, optional
         The part whose horizons are asked for: layers that are filled cover it alone.
     stored : Frames, optional
@@ -75,6 +78,7 @@ class SweepFrame:
         near: int,
         reach: int = 0,
         origin: tuple[int, int] = (0, 0),
+        blocks: Blocks | None = None,
         receivers: Receivers | None = None,
         stored: Frames | None = None,
         spare: "SweepFrame | None" = None,
@@ -84,8 +88,9 @@ class SweepFrame:
         self.orientation = orientation
         self.near = near
         self._heights, self._receivers = heights, receivers or Receivers(0, 0, *heights.shape)
-        # Heights of a mapped file are not read once more to find out.
-        self._holes = stored is not None or bool(np.isnan(np.min(heights, initial=np.inf)))
+        blocks = blocks or Blocks.unknown(heights.shape)
+        self._holes = not np.isfinite(blocks.low).all()  # or nobody looked
+        self._ground = blocks.turned(orientation, self.shape)
         rows, columns = self._pad = padding(self.shape, max(near, reach))
         self._mapped = stored is not None  # reading all of it would cost more than it saves
         if spare is not None and (spare.shape, spare._pad) != (self.shape, self._pad):
@@ -179,7 +184,11 @@ class SweepFrame:
         shared = (self._z, self._pad, crossings.offsets, crossings.p, crossings.q, crossings.k)
         if distance is None:
             far = None
-            near_field(*shared, frame_rows, frame_columns, self._best)
+            skipped = np.zeros((2, self.shape[0]), np.int64)
+            spans = frame_rows, frame_columns
+            near_field(*shared, *self._ground, skipped, *spans, self._best)
+            for name, count in zip(("nodata", "level ground"), skipped.sum(1), strict=True):
+                self.left_out[name] += int(count)
         else:
             if self._distance is None:
                 self._distance = np.empty(self.shape, np.float32)
@@ -263,11 +272,12 @@ class SweepFrame:
         )
         if not self._may_rise(limits, rows, columns):
             return
+        _, *ground = self._ground
         if limited:
             block = math.ceil(reach / pool) + 1
-            hull_sweep_within(*shared, block, rows, columns, self._best, distance)
+            hull_sweep_within(*shared, block, *ground, rows, columns, self._best, distance)
         else:
-            hull_sweep(*shared, rows, columns, self._best, distance)
+            hull_sweep(*shared, *ground, rows, columns, self._best, distance)
         rows_above, columns_left = self._pad
         skipped = np.zeros(self.shape[0], np.int64)
         edge = np.append(self._z[rows_above:, columns_left], np.float32(np.nan))

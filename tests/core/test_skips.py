@@ -28,6 +28,17 @@ def sea() -> adret.Terrain:
     return adret.Terrain(np.zeros((60, 70)), (10.0, 10.0), datum=0.0)
 
 
+def coast() -> adret.Terrain:
+    """Rough land in the south-west, nodata beyond a slanting coast, a level lake and a gap."""
+    z = np.random.default_rng(3).random((150, 170)) * 40.0
+    z[60:135, 20:120] = 17.0
+    z[100, 70] = 20.0
+    y, x = np.mgrid[:150, :170]
+    z[x - y > 30] = np.nan
+    z[3, 5] = np.nan
+    return adret.Terrain(z, (10.0, 10.0), datum=0.0)
+
+
 def horizons(terrain: adret.Terrain) -> bytes:
     return adret.horizon_map(terrain, 12, near=4).elevation.tobytes()
 
@@ -36,6 +47,10 @@ def ranged(terrain: adret.Terrain) -> bytes:
     found = adret.horizon_map(terrain, 12, near=4, max_distance=300.0, distance=True)
     assert found.distance is not None
     return found.elevation.tobytes() + found.distance.tobytes()
+
+
+def within(terrain: adret.Terrain) -> bytes:
+    return adret.horizon_map(terrain, 12, near=4, max_distance=500.0).elevation.tobytes()
 
 
 def rounded(terrain: adret.Terrain) -> bytes:
@@ -89,6 +104,12 @@ def dusk(terrain: adret.Terrain) -> bytes:
         ("far field", level, horizons),
         ("far field", sea, rounded),
         ("far field", level, ranged),
+        ("level ground", coast, horizons),
+        ("level ground", coast, bent),
+        ("level ground", sea, rounded),
+        ("nodata", coast, horizons),
+        ("nodata", coast, bent),
+        ("nodata", coast, within),
         ("same azimuths", plateau, repeated),
         ("dark azimuths", plateau, lit),
         ("dark azimuths", plateau, dusk),
@@ -117,7 +138,9 @@ def test_a_flat_far_field_is_left_out_at_every_receiver() -> None:
     adret.horizon_map(adret.Terrain(z, (1.0, 1.0)), 8, near=2)
     report = adret.last_run_report()
     assert report is not None
-    assert report.skipped == {"far field": 8 * z.size}
+    assert set(report.skipped) == {"far field", "level ground"}
+    assert report.skipped["far field"] == 8 * z.size
+    assert 0 < report.skipped["level ground"] < 8 * z.size  # not at the raster's edge
 
 
 def test_every_skip_is_told_apart_by_name(monkeypatch: pytest.MonkeyPatch) -> None:

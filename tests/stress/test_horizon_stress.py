@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import adret
 from adret._kernels.near_field import near_field
+from adret.blocks import Blocks
 
 UNIT = 2.0**-24
 """Half a unit in the last place of 1 in float32."""
@@ -208,6 +209,7 @@ def test_place_in_memory_changes_no_byte() -> None:
     numbers = rng.random((rows + 4, columns + 9)).astype(np.float32)
     offsets = np.array([[-1, 0, -1, -1], [-1, -1, -2, -1], [-2, -1, -2, -2], [-3, -2, -3, -3]])
     weights = rng.random((3, 4)).astype(np.float32)
+    ground = *Blocks.unknown((rows, columns)), np.zeros((2, rows), np.int64)
     results = set()
     for start in range(16):
         store = np.empty(numbers.size + 16, np.float32)
@@ -216,11 +218,12 @@ def test_place_in_memory_changes_no_byte() -> None:
         best = np.empty(rows * columns + 16, np.float32)
         out = best[15 - start : 15 - start + rows * columns].reshape(rows, columns)
         spans = np.array([0, rows]), np.array([0, columns])
-        near_field(z, (4, 4), offsets, *weights, *spans, out)
+        near_field(z, (4, 4), offsets, *weights, *ground, *spans, out)
         results.add(out.tobytes())
         for first in (0, 3):
             part = np.empty_like(out)
-            near_field(z, (4, 4), offsets, *weights, spans[0], np.array([first, first + 40]), part)
+            some = spans[0], np.array([first, first + 40])
+            near_field(z, (4, 4), offsets, *weights, *ground, *some, part)
             assert part[:, first : first + 40].tobytes() == out[:, first : first + 40].tobytes()
     assert len(results) == 1
 

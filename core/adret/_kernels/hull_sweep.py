@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from adret._kernels.ground import without_empty_ends
 from adret._kernels.jit import greater, helper, index, inline, shared_kernel
 
 SNAP = 1e-9  # cells: a line this near to a vertex passes it
@@ -169,15 +170,32 @@ def _gather_distance(
 
 @helper
 def gather_rows(
-    z, pad, t, anchor, first, start, stop, rows, columns, vertex_z, vertex_s, limits, best, distance
+    z,
+    pad,
+    t,
+    anchor,
+    first,
+    start,
+    stop,
+    high,
+    corner,
+    rows,
+    columns,
+    vertex_z,
+    vertex_s,
+    limits,
+    best,
+    distance,
 ):
     """Gather for the receivers of rows start..stop that lie between the strip's lines."""
     width = len(vertex_z)
     for i in range(max(start, rows[0]), min(stop, rows[1])):
         base, f = _cut(t, i + anchor)
         column = first + base
-        lo = max(1, columns[0] - column)
-        hi = min(width, columns[1] - column)
+        lo = max(column + 1, columns[0])
+        hi = min(column + width, columns[1])
+        lo, hi = without_empty_ends(high, corner, i, lo, hi)
+        lo, hi = lo - column, hi - column
         if hi <= lo:
             continue
         # With f = 0 the left-hand line must not matter.
@@ -296,6 +314,8 @@ def hull_sweep(
     near,
     bend,
     limits,
+    high,
+    corner,
     rows,
     columns,
     best,
@@ -321,6 +341,8 @@ def hull_sweep(
         Curvature drop a step squared [m].
     limits : 5-tuple of float32
         Observer height, 1 / step length, curvature slope a step, shear, reach in steps.
+    high, corner
+        Blocks of ground, see `adret._kernels.ground`.
     rows, columns : (2,) int64
         Receivers to serve, start and stop.
     best : (n, m) float32
@@ -371,6 +393,8 @@ def hull_sweep(
                 first,
                 start,
                 stop,
+                high,
+                corner,
                 rows,
                 columns,
                 vertex_z,

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from adret._kernels.ground import EMPTY, ORDINARY, SIDE, kind_of_block
 from adret._kernels.jit import greater, helper, index, inline, shared_kernel
 
-BLOCK = 1024  # columns, and
-CHUNK = 16  # rows that one thread serves at a time
+BLOCK = 1024  # columns that one thread serves at a time, of one row of blocks of ground
 
 
 @helper
@@ -71,14 +71,16 @@ def _near_block(z, width, pad, offsets, p, q, k, rows, columns, best):
             )
 
 
-def _blocks(*given: Any) -> int:
-    rows, columns, _ = given[-3:]
+def _tasks(*given: Any) -> int:
+    corner, _, rows, columns, _ = given[-5:]
     across = (columns[1] - columns[0] + BLOCK - 1) // BLOCK
-    return int(across * ((rows[1] - rows[0] + CHUNK - 1) // CHUNK))
+    return int(across * (-(-(rows[1] + corner[0]) // SIDE) - (rows[0] + corner[0]) // SIDE))
 
 
-@shared_kernel(_blocks)
-def near_field(start, stop, z, pad, offsets, p, q, k, rows, columns, best):
+@shared_kernel(_tasks)
+def near_field(
+    start, stop, z, pad, offsets, p, q, k, low, high, corner, skipped, rows, columns, best
+):
     """Fill `best` with the slope of the near horizon.
 
     Parameters
@@ -92,6 +94,10 @@ def near_field(start, stop, z, pad, offsets, p, q, k, rows, columns, best):
         Row and column shifts of the two cells between which a crossing lies; S a multiple of 4.
     p, q, k : (S,) float32
         The crossing's slope is ``p·(z1 - z0) + q·(z2 - z0) + k``.
+    low, high, corner
+        Blocks of ground, see `adret._kernels.ground`.
+    skipped : (2, n) int64
+        Receivers left out, added to the row that is the first of theirs: nodata, level ground.
     rows, columns : (2,) int64
         Receivers to fill, start and stop.
     best : (n, m) float32
@@ -99,21 +105,35 @@ def near_field(start, stop, z, pad, offsets, p, q, k, rows, columns, best):
     """
     flat = z.reshape(z.size)
     across = (columns[1] - columns[0] + BLOCK - 1) // BLOCK
-    for task in range(start, stop):
-        top = rows[0] + task // across * CHUNK
-        left = columns[0] + task % across * BLOCK
-        _near_block(
-            flat,
-            z.shape[1],
-            pad,
-            offsets,
-            p,
-            q,
-            k,
-            (top, min(top + CHUNK, rows[1])),
-            (left, min(left + BLOCK, columns[1])),
-            best,
+    reach = (0, 0)
+    level = np.float32(-np.inf)
+    for s in range(len(p)):
+        reach = (
+            max(reach[0], -offsets[s, 0], -offsets[s, 2]),
+            max(reach[1], -offsets[s, 1], -offsets[s, 3]),
         )
+        level = greater(k[s] + np.float32(0.0), level)
+    for task in range(start, stop):
+        block = (rows[0] + corner[0]) // SIDE + task // across
+        down = max(block * SIDE - corner[0], rows[0]), min((block + 1) * SIDE - corner[0], rows[1])
+        left = columns[0] + task % across * BLOCK
+        right = min(left + BLOCK, columns[1])
+        while left < right:
+            # Ordinary blocks are served together: long loops are quicker.
+            end = left
+            kind = ORDINARY
+            while end < right and kind == ORDINARY:
+                begin = end
+                kind = kind_of_block(low, high, corner, down[0], begin, reach)
+                end = min(((begin + corner[1]) // SIDE + 1) * SIDE - corner[1], right)
+            ordinary = right if kind == ORDINARY else begin
+            if ordinary > left:
+                across_them = (left, ordinary)
+                _near_block(flat, z.shape[1], pad, offsets, p, q, k, down, across_them, best)
+            if kind != ORDINARY:
+                best[down[0] : down[1], begin:end] = -np.inf if kind == EMPTY else level
+                skipped[kind - 1, down[0]] += (down[1] - down[0]) * (end - begin)
+            left = end
 
 
 def _rows(*given: Any) -> int:

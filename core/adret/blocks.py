@@ -31,9 +31,7 @@ class Blocks(NamedTuple):
     @classmethod
     def of(cls, heights: Layer) -> "Blocks":
         """Look at every cell once; skips that are switched off find no block."""
-        first = [np.arange(0, size, SIDE) for size in heights.shape]
-        low = np.minimum.reduceat(np.minimum.reduceat(heights, first[0], 0), first[1], 1)
-        high = np.fmax.reduceat(np.fmax.reduceat(heights, first[0], 0), first[1], 1)
+        low, high = _reduced(np.minimum, heights), _reduced(np.fmax, heights)
         if not skips.wanted("nodata"):
             high = np.where(np.isnan(high), np.inf, high)
         if not skips.wanted("level ground"):
@@ -58,3 +56,14 @@ class Blocks(NamedTuple):
         return Blocks(
             low, high, (-shape[0] % SIDE * o.flip_rows, -shape[1] % SIDE * o.flip_columns)
         )
+
+
+def _reduced(ufunc: np.ufunc, heights: Layer) -> Layer:
+    """One number a block: rows first, many columns at once, then the few rows that are left."""
+    rows, columns = heights.shape
+    whole = rows // SIDE * SIDE
+    parts = ufunc.reduce(heights[:whole].reshape(-1, SIDE, columns), axis=1)
+    if whole < rows:
+        parts = np.concatenate([parts, ufunc.reduce(heights[whole:], axis=0, keepdims=True)])
+    layer: Layer = ufunc.reduceat(parts, np.arange(0, columns, SIDE), axis=1)
+    return layer

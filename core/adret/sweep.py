@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adret import skips
+from adret._kernels import jit
 from adret._kernels.far_bound import far_can_rise
 from adret._kernels.frames import angles_oriented, copy_oriented, mask_nodata
-from adret._kernels.hull_sweep import RIGHT, hull_sweep
+from adret._kernels.hull_sweep import MOST_LINES, RIGHT, hull_sweep
 from adret._kernels.hull_window import hull_sweep_within
 from adret._kernels.march import march
 from adret._kernels.near_field import near_field, near_field_distance
@@ -28,6 +29,8 @@ from adret.grids import Frames
 __all__ = ["POOL", "RIGHT", "Direction", "Layer", "Orientation", "Receivers", "SweepFrame"]
 
 NEAR_ALONE = 3  # near radii within which a limited range is left to the near field: exact, quicker
+LEAST_LINES = 128  # swept together
+STACKS = 2**21  # vertices at most that the stacks of a strip have room for: 16 MiB
 PAD = 4  # cells of NaN that a frame needs at least
 
 
@@ -265,6 +268,7 @@ class SweepFrame:
             self.shape[1],
             direction.shear,
             self._anchor,
+            self._strip_width(direction, limited, rows, columns),
             pool,
             f(self.near),
             f(bend * direction.step**2),
@@ -296,6 +300,21 @@ class SweepFrame:
             skipped,
         )
         self.left_out["far edge"] += int(skipped.sum())
+
+    def _strip_width(
+        self,
+        direction: Direction,
+        limited: bool,
+        rows: NDArray[np.int64],
+        columns: NDArray[np.int64],
+    ) -> int:
+        """Lines that a thread sweeps together: many, but some strips for every thread."""
+        if limited:
+            return LEAST_LINES
+        lines = int(columns[1] - columns[0] + direction.shear * (rows[1] - rows[0])) + 1
+        shared = lines if jit.threads() == 1 else -(-lines // (4 * jit.threads()))
+        stacked = STACKS // (int(rows[1]) // POOL + 2)
+        return max(min(shared, stacked, MOST_LINES), LEAST_LINES)
 
     def _may_rise(
         self,

@@ -13,7 +13,6 @@ import numpy as np
 
 from adret._kernels.hull_sweep import (
     NOTHING,
-    STRIP,
     first_line,
     gather_rows,
     pool_samples,
@@ -157,6 +156,7 @@ def hull_sweep_within(
     width,
     t,
     anchor,
+    strip_width,
     pool,
     near,
     bend,
@@ -177,8 +177,8 @@ def hull_sweep_within(
     reach = limits[4]
     height_of_block = block * pool
     for strip in range(first_strip, end_strip):
-        first = first_line(t, anchor, strip, rows, columns)
-        lines = STRIP + 1
+        first = first_line(t, anchor, strip_width, strip, rows, columns)
+        lines = strip_width + 1
         heights = np.empty((block, lines), np.float32)
         positions = np.zeros((block, lines), np.float32)
         head_z = np.empty((block + 1, lines), np.float32)

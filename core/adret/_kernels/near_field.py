@@ -17,28 +17,30 @@ BLOCK = 1024  # columns that one thread serves at a time, of one row of blocks o
 
 
 @helper
-def four_crossings(z, a, b, here, best, p, q, k):
-    """Raise `best` by four crossings; four at a time saves loads and keeps the store plain.
+def four_crossings(z, a, b, here, best, p, q, k, crossing):
+    """Raise `best` by four crossings from `crossing` on; four save loads and keep the store plain.
 
     `z` is flat, `here` the place in it of the first receiver; from there `a` and `b` lead to the
     two cells that each of its crossings lies between. Differences are taken before they are
     weighted: what lies level with the receiver is exactly level, whatever the height.
     """
-    p0, p1, p2, p3 = p[0], p[1], p[2], p[3]
-    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
-    k0, k1, k2, k3 = k[0], k[1], k[2], k[3]
+    s0 = index(crossing)
+    s1, s2, s3 = s0 + index(1), s0 + index(2), s0 + index(3)
+    p0, p1, p2, p3 = p[s0], p[s1], p[s2], p[s3]
+    q0, q1, q2, q3 = q[s0], q[s1], q[s2], q[s3]
+    k0, k1, k2, k3 = k[s0], k[s1], k[s2], k[s3]
     first = index(here)
     a0, a1, a2, a3 = (
-        first + index(a[0]),
-        first + index(a[1]),
-        first + index(a[2]),
-        first + index(a[3]),
+        first + index(a[s0]),
+        first + index(a[s1]),
+        first + index(a[s2]),
+        first + index(a[s3]),
     )
     b0, b1, b2, b3 = (
-        first + index(b[0]),
-        first + index(b[1]),
-        first + index(b[2]),
-        first + index(b[3]),
+        first + index(b[s0]),
+        first + index(b[s1]),
+        first + index(b[s2]),
+        first + index(b[s3]),
     )
     for column in range(len(best)):
         x = index(column)
@@ -59,16 +61,7 @@ def _near_block(z, width, pad, offsets, p, q, k, rows, columns, best):
         out[:] = -np.inf
         here = (i + pad[0]) * width + columns[0] + pad[1]
         for s in range(0, len(p), 4):
-            four_crossings(
-                z,
-                a[s : s + 4],
-                b[s : s + 4],
-                here,
-                out,
-                p[s : s + 4],
-                q[s : s + 4],
-                k[s : s + 4],
-            )
+            four_crossings(z, a, b, here, out, p, q, k, s)
 
 
 def _tasks(*given: Any) -> int:

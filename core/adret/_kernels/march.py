@@ -68,4 +68,4 @@ def march(z, pad, width, shear, step, count, bend, observer, rows, columns, best
                 left[u] = right[u] - (1 if q[u] > 0.0 else 0)
             if lo < columns[1]:
                 here = (i + pad[0]) * z.shape[1] + pad[1] + lo
-                four_crossings(flat, right, left, here, out[lo - columns[0] :], p, q, k)
+                four_crossings(flat, right, left, here, out[lo - columns[0] :], p, q, k, 0)

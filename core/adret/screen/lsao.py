@@ -258,7 +258,7 @@ def _sweep(
         falloff,
         table,
         wanted("empty samples"),
-        options.peaks,
+        _beside(options, falloff, table),
         values,
         skipped,
     )
@@ -294,6 +294,14 @@ def _formula(falloff: Falloff) -> tuple[tuple[float, ...], NDArray[np.float64]]:
         TABLE: (falloff.scale, falloff.radius, 0.0, 0.0, 0.0),
     }
     return formulas.get(falloff.code, (1.0, 0.0, 1.0, 0.0, square)), falloff.table.copy()
+
+
+def _beside(options: Options, falloff: tuple[float, ...], table: NDArray[np.float64]) -> int:
+    """What is looked at beside the hulls, as `_kernels.screen.lsao` takes it."""
+    if not options.peaks:
+        return 0
+    ends = falloff[1] == falloff[3] == 0.0 and math.isfinite(falloff[4])
+    return kernels.LATEST_TOO if ends and len(table) == 0 else kernels.PEAKS
 
 
 def _stacked(arrays: list[NDArray[Any]]) -> NDArray[Any]:

@@ -270,6 +270,43 @@ def test_high_points_beside_the_hull_miss_less(options, weight, share):
     assert (beside < short + 1e-6).all()
 
 
+@pytest.mark.parametrize("perspective", [True, False])
+@pytest.mark.parametrize("options", [{}, {"tangent": "receiver"}])
+def test_with_high_points_a_hard_radius_misses_nothing_among_the_latest_samples(
+    perspective, options
+):
+    """Lines of 130 samples and fewer: the steepest point within the radius is always looked at."""
+    buffer = rough(perspective, 61, 67)
+    receivers = np.argwhere(np.isfinite(buffer.depth))[::17]
+    for radius in (0.4, 1.5, 6.0):
+        found = occlusion(
+            buffer, directions=12, falloff="hard", radius=radius, peaks=True, **options
+        )[*receivers.T]
+        if options:
+            # No twin for the receiver's own plane: not less than the hull finds, which is within.
+            hull = occlusion(buffer, directions=12, falloff="hard", radius=radius, **options)
+            assert (found - hull[*receivers.T]).min() > -1e-6
+        else:
+            truth = largest_occluders(buffer, receivers, 12, lambda d, r=radius: 1.0 * (d < r))
+            assert truth.mean() > 0.0004
+            assert np.abs(found - truth).max() < 2e-6
+
+
+def test_a_post_that_a_wall_covered_casts_where_the_wall_is_beyond_the_radius():
+    """On a floor 4 below the eye a wall 1.0 high, then a post of 0.5: both covered, one missed."""
+    depth = np.full((9, 400), 4.0)
+    depth[:, 30] = 3.0
+    depth[:, 40] = 3.5
+    buffer = DepthBuffer(depth, Camera.orthographic(400, 9, extent=(4.0, 0.09)))
+    options = {"directions": 2, "falloff": "hard", "radius": 1.1}
+    # Column 60 sees the wall above the post, column 85 has it beyond the radius; ahead is floor.
+    wall, post = 1.0 / math.hypot(1.0, 0.3), 0.5 / math.hypot(0.5, 0.45)
+    searched = occlusion(buffer, peaks=True, **options)[4]
+    assert searched[[60, 85]] == pytest.approx([0.5 * wall, 0.5 * post], abs=1e-6)
+    hull = occlusion(buffer, **options)[4]
+    assert hull[[60, 85]] == pytest.approx([0.5 * wall, 0.0], abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("name", "corner", "ours", "published"),
     [

@@ -33,7 +33,9 @@ from adret._kernels.screen.lsao_hulls import (
     settle,
     weigh_anew,
 )
-from adret._kernels.screen.lsao_peaks import KEPT, begin_blocks, keep, look_at_peaks
+from adret._kernels.screen.lsao_peaks import FARTHER, KEPT, begin_blocks, keep, look_at_peaks
+from adret._kernels.screen.lsao_search import GROUPS, keep_latest, search_latest
+from adret._kernels.screen.lsao_search import KEPT as LATEST
 from adret._kernels.screen.lsao_strips import (
     ACROSS,
     ALONG,
@@ -54,6 +56,8 @@ from adret._kernels.screen.lsao_strips import (
 FIXED = 0  # tangent plane: one for all; the receiver's; one to cull, the receiver's for the result
 RECEIVER = 1
 MIXED = 2
+PEAKS = 1  # what is looked at beside the hulls: kept high points; the latest points before those
+LATEST_TOO = 2
 STARTS = 9  # which argument of `sweep_lines` that is
 
 
@@ -101,11 +105,16 @@ def _sweep_strip(
     sizes = np.full(STRIP, FIRST)
     verdicts = np.zeros(VERDICTS, np.int32)
     peaks = np.full(KEPT if beside else 0, np.nan)
+    times = FARTHER if beside == LATEST_TOO else 1
+    latest = np.empty(LATEST if beside == LATEST_TOO else 0)
+    places = np.empty(GROUPS)
+    kept = 0
+    steepest = 0.0
     short = in_singles(falloff)
     for i in range(len(rows)):
         row, shift, blend = rows[i], shifts[i], blends[i]
         if beside:
-            begin_blocks(i, peaks)
+            begin_blocks(i, times, peaks)
         near = shift + (blend >= 0.5)
         low, high = in_image(starts, near, depth.shape[1])
         count = high - low
@@ -135,9 +144,17 @@ def _sweep_strip(
             value[:] = np.nan
         push(bits, low, count, verdicts)
         begun = settle(w, low, count, falloff, table, loose, verdicts, hull, sizes, value)
+        if beside == LATEST_TOO:
+            # Of all rays so far: what they pass at more than the radius need not be looked at.
+            steepest = max(steepest, abs(here + w[ALONG + low]), abs(here + w[ALONG + high - 1]))
+            search_latest(
+                w, f, low, count, kept, here, steepest, falloff, perspective, latest, places, value
+            )  # fmt: skip
+            keep_latest(w, low, count, kept, here, latest, places)
+            kept += 1
         if beside:
             look_at_peaks(w, f, low, count, falloff, short, table, peaks, value)
-            keep(w, low, count, i, peaks)
+            keep(w, low, count, i, times, peaks)
         if mode == MIXED:
             weigh_anew(w, low, count, falloff, table, value)
         if begun:
@@ -203,8 +220,9 @@ def sweep_lines(
         As for `lsao_hulls.cast` and `cast_by_table`.
     skip : bool
         Whether rows of a strip that show no surface are passed over.
-    beside : bool
-        Whether kept high points are looked at beside the hulls; not for MIXED.
+    beside : int
+        What is looked at beside the hulls: 0 nothing, PEAKS or, for a falloff that is 1 within its
+        radius, LATEST_TOO; 0 for MIXED.
     values : (B, most samples, most lines) float32
         Output; NaN at sky and holes; undefined beyond the image.
     skipped : (B, strips) int64

@@ -25,17 +25,19 @@ from adret._kernels.screen.lsao_strips import LENGTH, STRIP, TANGENT, C, S, X, Y
 
 SHORT, SHORTS = 4, 9  # samples of a short block, and how many are kept, the running one included
 LONGER, LONGERS = 32, 5
+FARTHER = 8  # times as long are blocks where the latest samples are looked at one by one
 KEPT = (SHORTS + LONGERS) * 2 * STRIP
 
 
 @kernel
-def begin_blocks(i, peaks):
-    """Forget the oldest block where a new one begins with sample i."""
-    if i % SHORT == 0:
-        at = i // SHORT % SHORTS * 2 * STRIP
+def begin_blocks(i, times, peaks):
+    """Forget the oldest block where a new one begins with sample i; blocks are `times` as long."""
+    short, longer = SHORT * times, LONGER * times
+    if i % short == 0:
+        at = i // short % SHORTS * 2 * STRIP
         peaks[at : at + 2 * STRIP] = np.nan
-    if i % LONGER == 0:
-        at = (SHORTS + i // LONGER % LONGERS) * 2 * STRIP
+    if i % longer == 0:
+        at = (SHORTS + i // longer % LONGERS) * 2 * STRIP
         peaks[at : at + 2 * STRIP] = np.nan
 
 
@@ -53,10 +55,10 @@ def keep_highest(w, low, count, slot, peaks):
 
 
 @kernel
-def keep(w, low, count, i, peaks):
+def keep(w, low, count, i, times, peaks):
     """Note the points of sample i."""
-    keep_highest(w, low, count, i // SHORT % SHORTS, peaks)
-    keep_highest(w, low, count, SHORTS + i // LONGER % LONGERS, peaks)
+    keep_highest(w, low, count, i // (SHORT * times) % SHORTS, peaks)
+    keep_highest(w, low, count, SHORTS + i // (LONGER * times) % LONGERS, peaks)
 
 
 @kernel

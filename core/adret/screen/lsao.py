@@ -67,7 +67,8 @@ class Options(FalloffOptions):
     peaks: bool = option(
         False,
         "Whether the highest points of the latest blocks of samples, 8 of 4 and 4 of 32, are "
-        "looked at beside the hull: fewer missed occluders, for more time; not for tangent 'mixed'",
+        "looked at beside the hull, and each of the latest 128 samples where the falloff is hard: "
+        "fewer missed occluders, for more time; not for tangent 'mixed'",
     )
     published: bool = option(
         False,
@@ -123,7 +124,8 @@ def estimate(field: Field, options: Options, progress: Progress | None) -> Estim
 
     The hull still misses the largest occluder now and then, most where thin things stand before
     a far background and with falloffs that end abruptly (`tests/core/screen/test_lsao.py` has
-    figures); with `peaks` half as often or less. Where a line has nothing before a receiver, its
+    figures); with `peaks` half as often or less, and with a hard falloff hardly ever within 128
+    samples. Where a line has nothing before a receiver, its
     own tangent plane is the horizon.
 
     With `step` (D_S) or `line_spacing` (D_L) above 1, a pixel takes the nearest sample of each

@@ -551,3 +551,17 @@ def test_passing_over_samples_without_a_surface_changes_no_byte(options, monkeyp
     assert slow.report.skipped[name] == 0
     assert quick.occlusion.tobytes() == slow.occlusion.tobytes()
     assert quick.confidence.tobytes() == slow.confidence.tobytes()
+
+
+def test_samples_without_a_surface_count_among_the_latest(monkeypatch):
+    """A post that a wall covers, then a gap: passing over the gap brings the post no nearer."""
+    depth = np.full((9, 400), 4.0)
+    depth[:, 34], depth[:, 40] = 3.0, 3.5
+    depth[:, 60:200] = np.nan
+    buffer = DepthBuffer(depth, Camera.orthographic(400, 9, extent=(4.0, 0.09)))
+    options = {"directions": 2, "falloff": "hard", "radius": 2.1, "peaks": True}
+    quick = ambient_occlusion(buffer, method="lsao", **options)
+    monkeypatch.setenv("ADRET_SKIP", "none")
+    slow = ambient_occlusion(buffer, method="lsao", **options)
+    assert quick.report.skipped["empty samples"] > 0
+    assert quick.occlusion.tobytes() == slow.occlusion.tobytes()

@@ -34,7 +34,7 @@ from adret._kernels.screen.lsao_hulls import (
     weigh_anew,
 )
 from adret._kernels.screen.lsao_peaks import FARTHER, KEPT, begin_blocks, keep, look_at_peaks
-from adret._kernels.screen.lsao_search import GROUPS, keep_latest, search_latest
+from adret._kernels.screen.lsao_search import GROUPS, begin_groups, keep_latest, search_latest
 from adret._kernels.screen.lsao_search import KEPT as LATEST
 from adret._kernels.screen.lsao_strips import (
     ACROSS,
@@ -108,13 +108,15 @@ def _sweep_strip(
     times = FARTHER if beside == LATEST_TOO else 1
     latest = np.empty(LATEST if beside == LATEST_TOO else 0)
     places = np.empty(GROUPS)
-    kept = 0
     steepest = 0.0
     short = in_singles(falloff)
     for i in range(len(rows)):
         row, shift, blend = rows[i], shifts[i], blends[i]
+        here = per_row * row + per_column * (shift + blend) + origin
         if beside:
             begin_blocks(i, times, peaks)
+        if beside == LATEST_TOO:
+            begin_groups(i, here, latest, places)
         near = shift + (blend >= 0.5)
         low, high = in_image(starts, near, depth.shape[1])
         count = high - low
@@ -130,7 +132,6 @@ def _sweep_strip(
             value[:] = np.nan
             skipped += count
             continue
-        here = per_row * row + per_column * (shift + blend) + origin
         place(w, low, count, here, perspective)
         if mode != FIXED:
             set_tangents(normal, swap, row, lines, near, plane, w, low)
@@ -148,10 +149,9 @@ def _sweep_strip(
             # Of all rays so far: what they pass at more than the radius need not be looked at.
             steepest = max(steepest, abs(here + w[ALONG + low]), abs(here + w[ALONG + high - 1]))
             search_latest(
-                w, f, low, count, kept, here, steepest, falloff, perspective, latest, places, value
-            )  # fmt: skip
-            keep_latest(w, low, count, kept, here, latest, places)
-            kept += 1
+                w, f, low, count, i, here, steepest, falloff, perspective, latest, places, value
+            )
+            keep_latest(w, low, count, i, latest)
         if beside:
             look_at_peaks(w, f, low, count, falloff, short, table, peaks, value)
             keep(w, low, count, i, times, peaks)

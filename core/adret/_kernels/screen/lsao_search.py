@@ -22,22 +22,26 @@ BEST = HX  # in the strip's float32 numbers, what the hulls no longer need
 
 
 @kernel
-def keep_latest(w, low, count, kept, here, latest, places):
-    """Note the points of a row, the `kept`-th one noted; `places` says where groups end.
+def begin_groups(i, here, latest, places):
+    """Forget the oldest group where a new one begins with sample i; `places` says where groups end.
 
-    A line that is not on this row has no point in it.
+    Samples that show no surface count as well: results do not depend on passing over them.
     """
-    group = kept // GROUP % GROUPS
-    at = group * SIZE
-    if kept % GROUP == 0:
-        latest[at : at + SIZE] = np.nan
-    at += kept % GROUP * 2 * STRIP + low
-    for i in range(count):
-        latest[at + i] = w[X + low + i]
-    at += STRIP
-    for i in range(count):
-        latest[at + i] = w[Y + low + i]
+    group = i // GROUP % GROUPS
+    if i % GROUP == 0:
+        latest[group * SIZE : (group + 1) * SIZE] = np.nan
     places[group] = here
+
+
+@kernel
+def keep_latest(w, low, count, i, latest):
+    """Note the points of sample i; a line that is not in the image there has none."""
+    at = i // GROUP % GROUPS * SIZE + i % GROUP * 2 * STRIP + low
+    for x in range(count):
+        latest[at + x] = w[X + low + x]
+    at += STRIP
+    for x in range(count):
+        latest[at + x] = w[Y + low + x]
 
 
 @kernel
@@ -81,9 +85,9 @@ def nearest_depth(w, low, count):
 
 @kernel
 def search_latest(
-    w, f, low, count, kept, here, steepest, falloff, perspective, latest, places, value
+    w, f, low, count, sample, here, steepest, falloff, perspective, latest, places, value
 ):
-    """Raise the obscurances of a row's points to those of all kept points within the radius.
+    """Raise the obscurances of a row's points to those of kept points within the radius.
 
     Groups are passed over from the first on whose rays all pass every point of the row at more
     than the radius. `steepest` is the largest tangent of an angle between a ray and the axis.
@@ -95,8 +99,8 @@ def search_latest(
     radius = math.sqrt(falloff[4])
     if perspective:
         radius *= math.sqrt(1.0 + steepest * steepest) / nearest_depth(w, low, count)
-    last = kept - 1
-    groups = 0 if kept == 0 else min(last // GROUP + 1, GROUPS)
+    last = sample - 1
+    groups = min(last // GROUP + 1, GROUPS)
     for k in range(groups):
         group = (last // GROUP - k) % GROUPS
         if abs(here - places[group]) > radius:

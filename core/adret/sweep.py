@@ -30,7 +30,6 @@ __all__ = ["POOL", "RIGHT", "Direction", "Layer", "Orientation", "Receivers", "S
 
 NEAR_ALONE = 3  # near radii within which a limited range is left to the near field: exact, quicker
 LEAST_LINES = 128  # swept together
-STACKS = 2**21  # vertices at most that the stacks of a strip have room for: 16 MiB
 PAD = 4  # cells of NaN that a frame needs at least
 
 
@@ -313,8 +312,7 @@ class SweepFrame:
             return LEAST_LINES
         lines = int(columns[1] - columns[0] + direction.shear * (rows[1] - rows[0])) + 1
         shared = lines if jit.threads() == 1 else -(-lines // (4 * jit.threads()))
-        stacked = STACKS // (int(rows[1]) // POOL + 2)
-        return max(min(shared, stacked, MOST_LINES), LEAST_LINES)
+        return max(min(shared, MOST_LINES), LEAST_LINES)
 
     def _may_rise(
         self,
